@@ -220,7 +220,7 @@ def test_a_foreign_file_is_refused(path, write, message):
 def test_a_process_killed_at_once_has_measured_nothing(path, cut):
     path.write_bytes(cut)
     log = read_log(path)
-    assert (log.plays, log.recordings, log.unfinished, log.closed) == ((), (), None, False)
+    assert (log.plays, log.recordings, log.unfinished, log.closed) == ([], (), None, False)
 
 
 # --- disks

@@ -43,25 +43,6 @@ class Play:
         return Recording.concatenate([read_piece(entry, messages) for entry, messages in self.pieces])
 
 
-@dataclass(frozen=True, eq=False)
-class LogContent:
-    """Content of a log.
-
-    Attributes:
-        plays: all motions, in order.
-        recordings: those that are complete, in order.
-        unfinished: recording of what was played after them towards one that is not complete, or None.
-        closed: whether the log was closed; else the process was killed.
-        complete_plays: plays up to the end of the last complete recording.
-    """
-
-    plays: tuple[Play, ...]
-    recordings: tuple[Recording, ...]
-    unfinished: Recording | None
-    closed: bool
-    complete_plays: tuple[Play, ...]
-
-
 def log_file(folder: Path, number: int) -> Path:
     """Return the path of one file of a run's log: the first is written when the run begins, each other by a resume."""
     return folder / f"recording_{number}.mcap"
@@ -82,18 +63,19 @@ def read_log(path: Path) -> LogContent:
     Raises:
         RecordingError: a file is missing, damaged or of another format.
     """
-    reading, closed = LogAssembler(), False
+    content = LogContent()
     for file in log_files(path) if path.is_dir() else [path]:
         reader = MessageReader(file)
         messages = reader.messages()
-        closed = reader.closed
-        if reader.channels or closed:
+        content.closed = reader.closed
+        if reader.channels or reader.closed:
             check_format(reader)
         with damage_reported(file):
             for topic, _, _, message in messages:
-                reading.take(topic, message)
+                content.take(topic, message)
     with damage_reported(path):
-        return reading.content(closed)
+        content.finish()
+    return content
 
 
 def check_format(reader: MessageReader) -> None:
@@ -131,17 +113,23 @@ def read_piece(entry: Mapping[str, Any], messages: Mapping[str, list[bytes]]) ->
     )
 
 
-class LogAssembler:
-    """Assembler of motions and recordings from messages, in the order in which they were written.
+class LogContent:
+    """Content of a log, assembled from its messages in the order in which they were written.
 
     Attributes:
         plays: motions so far.
         kept: indices of the motions of each complete recording.
+        closed: whether the log was closed; else the process was killed.
+        recordings: complete recordings, in order, once `finish` was called.
+        unfinished: recording of what was played after them towards one that is not complete, or None; likewise.
     """
 
     def __init__(self) -> None:
         self.plays: list[Play] = []
         self.kept: list[list[int]] = []
+        self.closed = False
+        self.recordings: tuple[Recording, ...] = ()
+        self.unfinished: Recording | None = None
         self._broken: list[int] = []  # those of the last one, if its motion broke off
         self._complete = 0  # plays up to the end of the last complete recording
         self._since = 0  # plays before the present trial
@@ -161,23 +149,23 @@ class LogAssembler:
         elif entry["entry"] == "resumed":
             self._resume(int(entry["plays"]))
 
-    def content(self, closed: bool) -> LogContent:
-        plays = self.plays
-        for play in plays:
+    def finish(self) -> None:
+        """Make the recordings of all messages."""
+        for play in self.plays:
             _ = play.recording  # cached: the messages are no longer needed
             play.pieces.clear()
-        unfinished = self._broken or self._begun(plays)
-        return LogContent(
-            tuple(plays),
-            tuple(_joined(plays, kept) for kept in self.kept),
-            _joined(plays, unfinished).broken_off() if unfinished else None,
-            closed,
-            tuple(plays[: self._complete]),
-        )
+        self.recordings = tuple(_joined(self.plays, kept) for kept in self.kept)
+        unfinished = self._broken or self._begun()
+        self.unfinished = _joined(self.plays, unfinished).broken_off() if unfinished else None
 
-    def _begun(self, plays: Sequence[Play]) -> list[int]:
+    @property
+    def complete_plays(self) -> Sequence[Play]:
+        """Return the plays up to the end of the last complete recording."""
+        return self.plays[: self._complete]
+
+    def _begun(self) -> list[int]:
         """Return the indices of the plays of the last trial, if no recording was made of it."""
-        trials = [play.trial for play in plays[self._since :] if play.trial is not None]
+        trials = [play.trial for play in self.plays[self._since :] if play.trial is not None]
         return self._plays_of(trials[-1]) if trials else []
 
     def _plays_of(self, trial: int) -> list[int]:

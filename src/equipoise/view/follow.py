@@ -11,7 +11,7 @@ from equipoise.logs.motions.segments import find_segments, usable
 from equipoise.logs.raw_log import Log
 from equipoise.recording.mcap_reader import MessageReader
 from equipoise.recording.recording import Recording
-from equipoise.recording.run_log_reader import LogAssembler, check_format, damage_reported, log_files, read_piece
+from equipoise.recording.run_log_reader import LogContent, check_format, damage_reported, log_files, read_piece
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
@@ -57,7 +57,7 @@ class FollowedLog:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self._content = path, LogAssembler()
+        self.path, self._content = path, LogContent()
         self._readers = [MessageReader(file) for file in self._files()]
         self._shown, self._kept = 0, 0  # pieces and complete trials that were returned
 
