@@ -146,10 +146,11 @@ class Recording:
             self.joint_names == other.joint_names
             and self.events == other.events
             and len(own) == len(others)
-            and all(_same(*arrays) for arrays in zip(own, others, strict=True))
+            and all(np.array_equal(*arrays) for arrays in zip(own, others, strict=True))
         )
 
-    def _arrays(self) -> list[FloatArray | None]:
+    def _arrays(self) -> list[Any]:
+        """Return the arrays of all streams, None for one that is missing."""
         streams = [vars(stream) for stream in (self.joints, self.imu, self.commands) if stream is not None]
         return [array for stream in streams for array in stream.values()]
 
@@ -289,10 +290,6 @@ def read_only(array: FloatArray) -> FloatArray:
     """Make an array read-only and return it, so that a stream takes it without a copy."""
     array.setflags(write=False)
     return array
-
-
-def _same(one: FloatArray | None, other: FloatArray | None) -> bool:
-    return one is other if one is None or other is None else np.array_equal(one, other)
 
 
 def _part(stream: _Stream, start: float, end: float) -> _Stream:
