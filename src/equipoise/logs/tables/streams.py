@@ -77,108 +77,97 @@ def read_table(
     if missing := known.missing(standing):
         raise _missing_columns(file, missing, *propose(robot, file, known, standing))
     check_names_in_cells(robot, file, known)
-    return _Streams(file, known, robot).raw_log(suffix_of(path), standing)
+    time = np.arange(file.rows) / known.rate if known.rate else file.clock(known.names[TIME]) * known.factor(TIME)
+    findings: list[LogFinding] = []
+    joints = _joints(file, known, time, findings)
+    if standing:  # a pose differs little from the plane of the feet
+        imu = _imu(file, known, time) if known.has((*ACCELEROMETER, *GYROSCOPE)) else None
+    else:
+        imu = _imu_of_poses(robot, file, known, time, findings) if known.has_pose() else _imu(file, known, time)
+        for name, stream in (("joint", joints), ("IMU", imu)) if not known.rate else ():
+            _check_seconds(file, name, stream.time)
+    about = {"format": f"{suffix_of(path)} table, {len(time)} rows"}
+    return RawLog(joints, imu, _commands(file, known, time), about, tuple(findings))
 
 
-class _Streams:
-    """Conversion of a file's columns to streams."""
+def _joints(file: TableFile, columns: Columns, time: FloatArray, findings: list[LogFinding]) -> RawJoints:
+    """Return the rows with a position of any joint."""
+    names = columns.joints("position")
+    position = _stacked(file, columns, [f"position.{name}" for name in names])
+    rows = ~np.isnan(position).all(axis=1)
 
-    def __init__(self, file: TableFile, columns: Columns, robot: RobotModel) -> None:
-        self.file, self.columns, self.robot, rate = file, columns, robot, columns.rate
-        self.time = np.arange(file.rows) / rate if rate else file.clock(columns.names[TIME]) * columns.factor(TIME)
-
-    def raw_log(self, kind: str, standing: bool) -> RawLog:
-        """Return all streams.
-
-        Args:
-            kind: name of the kind of file.
-            standing: see `read_table`.
-        """
-        findings: list[LogFinding] = []
-        joints = self._joints("position", findings)
-        if standing:  # a pose differs little from the plane of the feet
-            imu = self._imu() if self.columns.has((*ACCELEROMETER, *GYROSCOPE)) else None
-        else:
-            imu = self._imu_of_poses(findings) if self.columns.has_pose() else self._imu()
-        stamped = [] if standing or self.columns.rate else [("joint", joints), ("IMU", imu)]
-        for name, stream in stamped:
-            _check_seconds(self.file, name, stream.time if stream is not None else np.empty(0))
-        commands = self._joints("command", findings) if self.columns.joints("command") else None
-        about = {"format": f"{kind} table, {len(self.time)} rows"}
-        return RawLog(joints, imu, commands, about, tuple(findings))
-
-    def _joints(self, kind: str, findings: list[LogFinding]) -> RawJoints:
-        """Return the rows with a position of any joint."""
-        names = self.columns.joints(kind)
-        position = self._stacked([f"{kind}.{name}" for name in names])
-        rows = ~np.isnan(position).all(axis=1)
-
-        def other(quantity: str) -> FloatArray | None:
-            if kind != "position" or not self.columns.joints(quantity):
-                return None
-            table = self._stacked([f"{quantity}.{name}" for name in names])
-            valid = np.isfinite(table.sum(axis=1))
-            if np.count_nonzero(valid) < 2 or 2 * np.count_nonzero(valid & rows) > np.count_nonzero(rows):
-                return table[rows]
-            message = f"{quantity} has times of its own: it is interpolated at those of the positions"
-            findings.append(LogFinding("joints", message))
-            return _interpolated(self.time[rows], self.time[valid], table[valid])
-
-        force = None
-        if kind == "position" and self.columns.has(FOOT_FORCES):
-            force = self._stacked(FOOT_FORCES)[rows]
-        return RawJoints(self.time[rows], tuple(names), position[rows], other("velocity"), other("torque"), force)
-
-    def _imu(self) -> RawImu:
-        """Return the rows with any value of the IMU."""
-        gyroscope = self._stacked(GYROSCOPE) if self.columns.has(GYROSCOPE) else None
-        acceleration, orientation = self._stacked(ACCELEROMETER), self._orientation()
-        parts = [part for part in (gyroscope, acceleration, orientation) if part is not None]
-        rows = ~np.isnan(np.hstack(parts)).all(axis=1)
-        self._check_exchanged(gyroscope, acceleration)
-        return RawImu(
-            self.time[rows],
-            None if gyroscope is None else gyroscope[rows],
-            acceleration[rows],
-            None if orientation is None else orientation[rows],
-        )
-
-    def _imu_of_poses(self, findings: list[LogFinding]) -> RawImu:
-        """Return IMU samples that are derived from the base's pose, at the times of a gyroscope if there is one."""
-        quaternions, turning = self._orientation(), self._stacked(GYROSCOPE) if self.columns.has(GYROSCOPE) else None
-        assert quaternions is not None  # as `Columns.missing` requires
-        imu, message = imu_of_poses(self.robot, self.time, self._stacked(BASE_POSITION), quaternions, turning)
-        findings.append(LogFinding("IMU", message))
-        return imu
-
-    def _check_exchanged(self, gyroscope: FloatArray | None, acceleration: FloatArray) -> None:
-        """Raise RecordingError if the gyroscope's columns carry gravity, and the accelerometer's do not."""
-        if gyroscope is not None and is_exchanged(gyroscope, acceleration):
-            turns, pushes = (", ".join(self.columns.names[name] for name in of) for of in (GYROSCOPE, ACCELEROMETER))
-            raise RecordingError(
-                f"{turns} of {self.file.title} are read as the gyroscope, {pushes} as the accelerometer, and gravity is in "
-                "the gyroscope's: they seem to be exchanged. Name both in a file for --columns"
-            )
-
-    def _orientation(self) -> FloatArray | None:
-        """Return (n, 4) quaternions, w first."""
-        if self.columns.has(QUATERNION):
-            return self._stacked(QUATERNION, factor=1.0)
-        if not self.columns.has(ANGLES):
+    def other(quantity: str) -> FloatArray | None:
+        if not columns.joints(quantity):
             return None
-        angles = self._stacked(ANGLES)
-        valid = np.isfinite(angles).all(axis=1)
-        quaternions = np.full((len(angles), 4), np.nan)
-        quaternions[valid] = quaternions_of(angles[valid])
-        return quaternions
+        table = _stacked(file, columns, [f"{quantity}.{name}" for name in names])
+        valid = np.isfinite(table.sum(axis=1))
+        if np.count_nonzero(valid) < 2 or 2 * np.count_nonzero(valid & rows) > np.count_nonzero(rows):
+            return table[rows]
+        message = f"{quantity} has times of its own: it is interpolated at those of the positions"
+        findings.append(LogFinding("joints", message))
+        return _interpolated(time[rows], time[valid], table[valid])
 
-    def _stacked(self, names: Sequence[str], factor: float | None = None) -> FloatArray:
-        """Return (n, k) columns in the documented unit, or times a factor; NaN where the table has none."""
-        missing = np.full(len(self.time), np.nan)
-        factor = self.columns.factor(names[0].split(".")[0]) if factor is None else factor
-        columns = [self.columns.names.get(name) for name in names]
-        table = np.column_stack([self.file.column(theirs) if theirs else missing for theirs in columns])
-        return table if factor == 1.0 else table * factor
+    force = _stacked(file, columns, FOOT_FORCES)[rows] if columns.has(FOOT_FORCES) else None
+    return RawJoints(time[rows], tuple(names), position[rows], other("velocity"), other("torque"), force)
+
+
+def _commands(file: TableFile, columns: Columns, time: FloatArray) -> RawJoints | None:
+    """Return the rows with a target of any joint."""
+    names = columns.joints("command")
+    if not names:
+        return None
+    position = _stacked(file, columns, [f"command.{name}" for name in names])
+    rows = ~np.isnan(position).all(axis=1)
+    return RawJoints(time[rows], tuple(names), position[rows])
+
+
+def _imu(file: TableFile, columns: Columns, time: FloatArray) -> RawImu:
+    """Return the rows with any value of the IMU."""
+    gyroscope = _stacked(file, columns, GYROSCOPE) if columns.has(GYROSCOPE) else None
+    acceleration = _stacked(file, columns, ACCELEROMETER)
+    parts = [gyroscope, acceleration, _orientation(file, columns)]
+    rows = ~np.isnan(np.hstack([part for part in parts if part is not None])).all(axis=1)
+    if gyroscope is not None and is_exchanged(gyroscope, acceleration):
+        turns, pushes = (", ".join(columns.names[name] for name in of) for of in (GYROSCOPE, ACCELEROMETER))
+        raise RecordingError(
+            f"{turns} of {file.title} are read as the gyroscope, {pushes} as the accelerometer, and gravity is in the "
+            "gyroscope's: they seem to be exchanged. Name both in a file for --columns"
+        )
+    return RawImu(time[rows], *(None if part is None else part[rows] for part in parts))
+
+
+def _imu_of_poses(
+    robot: RobotModel, file: TableFile, columns: Columns, time: FloatArray, findings: list[LogFinding]
+) -> RawImu:
+    """Return IMU samples that are derived from the base's pose, at the times of a gyroscope if there is one."""
+    quaternions = _orientation(file, columns)
+    turning = _stacked(file, columns, GYROSCOPE) if columns.has(GYROSCOPE) else None
+    assert quaternions is not None  # as `Columns.missing` requires
+    imu, message = imu_of_poses(robot, time, _stacked(file, columns, BASE_POSITION), quaternions, turning)
+    findings.append(LogFinding("IMU", message))
+    return imu
+
+
+def _orientation(file: TableFile, columns: Columns) -> FloatArray | None:
+    """Return (n, 4) quaternions, w first."""
+    if columns.has(QUATERNION):
+        return np.column_stack([file.column(columns.names[name]) for name in QUATERNION])
+    if not columns.has(ANGLES):
+        return None
+    angles = _stacked(file, columns, ANGLES)
+    valid = np.isfinite(angles).all(axis=1)
+    quaternions = np.full((len(angles), 4), np.nan)
+    quaternions[valid] = quaternions_of(angles[valid])
+    return quaternions
+
+
+def _stacked(file: TableFile, columns: Columns, names: Sequence[str]) -> FloatArray:
+    """Return (n, k) columns of one kind in the documented unit; NaN where the table has none."""
+    missing = np.full(file.rows, np.nan)
+    factor = columns.factor(names[0].split(".")[0])
+    found = [columns.names.get(name) for name in names]
+    table = np.column_stack([file.column(theirs) if theirs else missing for theirs in found])
+    return table if factor == 1.0 else table * factor
 
 
 def _interpolated(at: FloatArray, time: FloatArray, table: FloatArray) -> FloatArray:
