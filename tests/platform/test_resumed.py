@@ -19,7 +19,7 @@ from equipoise.recording.run_log_reader import LogContent
 
 SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.04), excitation=ExcitationSettings(duration=0.7))
 PAYLOAD = "1,0.03,0.02,0.06"
-NOTHING = LogContent((), (), None, False, ())
+NOTHING = LogContent()
 
 
 class TestResumedRobotWithNothingToSpare(SimulationContract):
