@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from equipoise.recording.recording import Recording
+
+Gap = tuple[float, float, str]
+"""Start and end of a gap [s], and the name of the samples that are missing in it."""
 
 LONGEST_GAP = 0.06
 """Longest time without a sample at which a recording is not split [s]: dropped packets."""
@@ -14,27 +15,15 @@ _JUST_BEHIND = 1e-9  # [s], to which recordings round their times
 _PERIODS = 3.5  # of a slow stream: a longer interval is a gap
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """Part of a recording without gaps.
+def split_at_gaps(recording: Recording) -> list[tuple[Recording, Gap | None]]:
+    """Return the parts between gaps of either stream, in order, each with the gap before it.
 
-    Attributes:
-        recording: recording of the part.
-        gap: start and end of the gap before it [s], or None.
-        missing: name of the samples that were missing there.
+    A recording without a gap is its own part.
     """
-
-    recording: Recording
-    gap: tuple[float, float] | None = None
-    missing: str = ""
-
-
-def split_at_gaps(recording: Recording) -> list[Piece]:
-    """Return the parts between gaps of either stream, in order; the recording itself if there is none."""
     gaps = sorted(_gaps(recording))
     if not gaps and min(recording.joints.time.size, recording.imu.time.size) > 1:
-        return [Piece(recording)]
-    merged: list[tuple[float, float, str]] = []
+        return [(recording, None)]
+    merged: list[Gap] = []
     for start, end, stream in gaps:
         if merged and start < merged[-1][1]:  # overlapping gaps of the two streams
             first, last, missing = merged.pop()
@@ -42,18 +31,18 @@ def split_at_gaps(recording: Recording) -> list[Piece]:
             merged.append((first, max(last, end), missing))
         else:
             merged.append((start, end, stream))
-    pieces: list[Piece] = []
-    begin, before, missing = -np.inf, None, ""
-    for start, end, stream in [*merged, (np.inf, np.inf, "")]:
-        part = recording.between(begin, max(start + _JUST_BEHIND, np.nextafter(start, np.inf)))
+    parts: list[tuple[Recording, Gap | None]] = []
+    begin, before = -np.inf, None
+    for gap in [*merged, (np.inf, np.inf, "")]:
+        part = recording.between(begin, max(gap[0] + _JUST_BEHIND, np.nextafter(gap[0], np.inf)))
         if part.joints.time.size > 1 and part.imu.time.size > 1:
-            pieces.append(Piece(part, before, missing))
-        begin, before, missing = end, (start, end), stream
-    return pieces
+            parts.append((part, before))
+        begin, before = gap[1], gap
+    return parts
 
 
-def _gaps(recording: Recording) -> list[tuple[float, float, str]]:
-    found: list[tuple[float, float, str]] = []
+def _gaps(recording: Recording) -> list[Gap]:
+    found: list[Gap] = []
     for name, time in (("joint", recording.joints.time), ("IMU", recording.imu.time)):
         if len(time) < 2:
             continue

@@ -113,7 +113,7 @@ def screen_log(robot: RobotModel, log: Recording) -> None:
     levels = [np.quantile(position, (0.05, 0.5, 0.95)) for position in log.joints.position.T]
     _check_radians(robot, np.column_stack(levels))
     _check_frozen(log)
-    _check_velocity(robot, _moves([piece.recording for piece in split_at_gaps(log)]))
+    _check_velocity(robot, _moves([part for part, _ in split_at_gaps(log)]))
 
 
 def _check_gravity(acceleration: FloatArray) -> None:

@@ -75,7 +75,7 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     """
     legs, motion = LegChains(robot), _STANCE_MOTION
     # One track across a stamp that is far away would be as long as the gap.
-    tracks = [Track.of(robot, piece.recording, stance.scale.time) for piece in split_at_gaps(recording)]
+    tracks = [Track.of(robot, part, stance.scale.time) for part, _ in split_at_gaps(recording)]
     parts = [part for track in tracks for part in _parts(track)]
     seen = _moving_part(legs, stance, parts)
     if seen is None:

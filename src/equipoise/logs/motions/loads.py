@@ -115,41 +115,33 @@ class Contacts:
         self._seen, self._contradicted = Counter[str](), Counter[str]()
         self._doubted = 0
 
-    def confirmed(
-        self, track: Track, on_two: Sequence[Step], on_three: Sequence[Step], shortest: float
-    ) -> tuple[list[Step], list[Step]]:
+    def confirmed(self, track: Track, steps: list[Step], shortest: float) -> list[Step]:
         """Return the steps of a track without those that loads contradict.
 
         Those on three feet are cut to the time in which the lifted foot carries no load: on uneven floors a foot may only
         seem to be up. Those on two are not: it would add no information.
 
         Args:
-            on_two, on_three: steps, in order.
+            steps: steps on two feet and three.
             shortest: shortest duration of a step on three feet [s].
         """
-        two, three = list(on_two), list(on_three)
-        if track.joint_torque is not None and (two or three):
-            by_torques = FootLoads.by_torques(self._robot, track, [*two, *three])
+        if track.joint_torque is not None and steps:
+            by_torques = FootLoads.by_torques(self._robot, track, steps)
             if by_torques is not None:
-                two, three = self._less(by_torques, two, three, shortest)
-        if self._foot_forces is not None and (two or three):
-            by_sensors = FootLoads.by_sensors(track, self._foot_forces, [*two, *three])
-            if 2 * sum(map(by_sensors.contradicts, [*two, *three])) > len(two) + len(three):
-                self._doubted += len(two) + len(three)
+                steps = self._less(by_torques, steps, shortest)
+        if self._foot_forces is not None and steps:
+            by_sensors = FootLoads.by_sensors(track, self._foot_forces, steps)
+            if 2 * sum(map(by_sensors.contradicts, steps)) > len(steps):
+                self._doubted += len(steps)
             else:
-                two, three = self._less(by_sensors, two, three, shortest)
-        return two, three
+                steps = self._less(by_sensors, steps, shortest)
+        return steps
 
-    def _less(
-        self, loads: FootLoads, two: list[Step], three: list[Step], shortest: float
-    ) -> tuple[list[Step], list[Step]]:
-        cut = [part for step in three if (part := loads.cut(step, shortest)) is not None]
-        kept = (
-            [step for step in two if not loads.contradicts(step)],
-            [step for step in cut if not loads.contradicts(step)],
-        )
-        self._seen[loads.source] += len(two) + len(three)
-        self._contradicted[loads.source] += len(two) + len(three) - len(kept[0]) - len(kept[1])
+    def _less(self, loads: FootLoads, steps: Sequence[Step], shortest: float) -> list[Step]:
+        cut = [step if len(step.standing) == 2 else loads.cut(step, shortest) for step in steps]
+        kept = [step for step in cut if step is not None and not loads.contradicts(step)]
+        self._seen[loads.source] += len(steps)
+        self._contradicted[loads.source] += len(steps) - len(kept)
         return kept
 
     def findings(self) -> list[LogFinding]:

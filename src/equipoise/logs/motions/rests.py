@@ -89,11 +89,8 @@ def _still_runs(track: Track, shortest: int) -> list[tuple[int, int]]:
     part_noise = np.sqrt(_PARTS / _WINDOW)
     still = _spread(track.joint_position) < _STILL_JOINTS + _NOISE_FACTOR * part_noise * track.encoder_noise
     still &= _spread(track.angular_velocity_in_base) < _STILL_BASE + _NOISE_FACTOR * part_noise * track.gyro_noise
-    covered = np.zeros(len(track.time) + 1, dtype=int)  # by windows that are still
-    starts = np.flatnonzero(still)
-    np.add.at(covered, starts, 1)
-    np.add.at(covered, starts + _WINDOW, -1)
-    return [run for run in true_runs(np.cumsum(covered)[:-1] > 0) if run[1] - run[0] >= shortest]
+    covered = np.convolve(still, np.ones(_WINDOW)) > 0  # by a window that is still
+    return [run for run in true_runs(covered) if run[1] - run[0] >= shortest]
 
 
 def _spread(values: FloatArray) -> FloatArray:

@@ -115,19 +115,19 @@ def find_segments(
         MotionError: the IMU is rotated from its pose in the model.
     """
     pieces = split_at_gaps(recording)
-    tracks = [Track.of(robot, piece.recording, stance.scale.time) for piece in pieces]
+    tracks = [Track.of(robot, piece, stance.scale.time) for piece, _ in pieces]
     rests = [find_rests(robot, stance, track) for track in tracks]
     all_rests = [rest for of_piece in rests for rest in of_piece]
     _screen_rests(robot, recording, all_rests)
     bias = _gyro_bias(stance, tracks, all_rests)
     segments: list[LogSegment] = []
     contacts = Contacts(robot, foot_forces)
-    for piece, track, of_piece in zip(pieces, tracks, rests, strict=True):
-        if piece.gap is not None and segments:
-            start, end = piece.gap
-            what = f"no {piece.missing} samples for {end - start:.2f} s"
+    for (piece, gap), track, of_piece in zip(pieces, tracks, rests, strict=True):
+        if gap is not None and segments:
+            start, end, missing = gap
+            what = f"no {missing} samples for {end - start:.2f} s"
             segments.append(LogSegment(start, end, "gap", what, "nothing was recorded"))
-        reader = _PieceReader(robot, stance, piece.recording, track.without_bias(bias), of_piece, contacts)
+        reader = _PieceReader(robot, stance, piece, track.without_bias(bias), of_piece, contacts)
         segments += reader.segments()
     if findings is not None:
         findings += contacts.findings()
@@ -171,28 +171,32 @@ class _PieceReader:
         return WalkingFeet.of(self.legs, self.stance, self.track)
 
     @cached_property
-    def _steps(self) -> tuple[list[Step], list[Step]]:
-        """Return the times on two feet and on three."""
+    def _steps(self) -> list[Step]:
+        """Return the times on two feet and those on three."""
         if self._walking is None:
-            return [], []
-        shortest = SHORTEST_ON_THREE * self.stance.scale.time
-        return self.contacts.confirmed(self.track, self._walking.on_two(), self._walking.on_three(), shortest)
+            return []
+        steps, shortest = (
+            [*self._walking.on_two(), *self._walking.on_three()],
+            SHORTEST_ON_THREE * self.stance.scale.time,
+        )
+        return self.contacts.confirmed(self.track, steps, shortest)
 
     def segments(self) -> list[LogSegment]:
         """Return rests and the segments between them, in order."""
         segments = self._between_rests()
-        for on_three in (False, True):
-            segments = [piece for segment in segments for piece in self._stepped(segment, on_three)]
+        for feet in (2, 3):
+            segments = [piece for segment in segments for piece in self._stepped(segment, feet)]
         return segments
 
-    def _stepped(self, segment: LogSegment, on_three: bool) -> list[LogSegment]:
-        """Return the walks or crawls in a segment that is not used otherwise, and the rest of it around them."""
+    def _stepped(self, segment: LogSegment, feet: int) -> list[LogSegment]:
+        """Return the walks on two feet, or crawls on three, in a segment that is not used otherwise, and the rest of it."""
         if segment.used or segment.kind not in _OF_STEPS:
             return [segment]
-        steps = [one for one in self._steps[on_three] if segment.start <= one.start and one.end <= segment.end]
-        if on_three:
-            return self._around([self._crawl(crawl) for crawl in crawls(steps, self.stance)], segment)
-        return self._around([self._walk(walk) for walk in walks(steps, self.stance)], segment)
+        inside = [one for one in self._steps if segment.start <= one.start and one.end <= segment.end]
+        steps = [one for one in inside if len(one.standing) == feet]
+        if feet == 2:
+            return self._around([self._walk(walk) for walk in walks(steps, self.stance)], segment)
+        return self._around([self._crawl(crawl) for crawl in crawls(steps, self.stance)], segment)
 
     def _around(self, motions: Sequence[LogSegment], segment: LogSegment) -> list[LogSegment]:
         """Return motions in a segment, and the rest of it around them; short parts are merged into the next motion."""
