@@ -81,33 +81,27 @@ def propose(robot: RobotModel, file: TableFile, known: Columns, standing: bool =
 def _of_free_flyer(robot: RobotModel, file: TableFile, by_kind: ByKind) -> dict[str, tuple[dict[str, str], str]]:
     """Return the base's pose and angular velocity among numbered columns of the base and all joints, and the reasons."""
     found: dict[str, tuple[dict[str, str], str]] = {}
-    for kind in ("position", "velocity"):
-        columns = next(map(list, _with_base(robot, kind, by_kind)), None)
-        if columns is not None and kind == "position":
-            first = _w_is_first(file, columns[3:7])
-            order = "wxyz" if first else "xyzw"
-            found["base_position"] = (
-                dict(zip(BASE_POSITION, columns[:3], strict=True)),
-                "the base's position before the joints, as of Pinocchio's and MuJoCo's free joints; is the unit m?",
-            )
-            found["orientation"] = (
-                {f"orientation.{part}": column for part, column in zip(order, columns[3:7], strict=True)},
-                f"the base's quaternion, {'w first, as MuJoCo' if first else 'w last, as Pinocchio'}, by its numbers",
-            )
-        elif columns is not None and np.allclose(robot.imu_in_base.rotation, np.eye(3)):
-            found["gyro"] = (
-                dict(zip(GYROSCOPE, columns[3:6], strict=True)),
-                "the base's angular velocity before the joints': is it in the base's axes, by the gyroscope, in rad/s?",
-            )
+    if columns := _of_base(robot, "position", by_kind):
+        how = "the base's position before the joints, as of Pinocchio's and MuJoCo's free joints; is the unit m?"
+        found["base_position"] = dict(zip(BASE_POSITION, columns[:3], strict=True)), how
+        first = _w_is_first(file, columns[3:])
+        how = f"the base's quaternion, {'w first, as MuJoCo' if first else 'w last, as Pinocchio'}, by its numbers"
+        parts = [f"orientation.{part}" for part in ("wxyz" if first else "xyzw")]
+        found["orientation"] = dict(zip(parts, columns[3:], strict=True)), how
+    columns = _of_base(robot, "velocity", by_kind)
+    if columns and np.allclose(robot.imu_in_base.rotation, np.eye(3)):
+        how = "the base's angular velocity before the joints': is it in the base's axes, by the gyroscope, in rad/s?"
+        found["gyro"] = dict(zip(GYROSCOPE, columns[3:], strict=True)), how
     return found
 
 
-def _with_base(robot: RobotModel, kind: str, by_kind: ByKind) -> Iterator[list[str]]:
-    """Yield the numbered columns of families that have some of a floating base before those of all joints."""
+def _of_base(robot: RobotModel, kind: str, by_kind: ByKind) -> list[str]:
+    """Return the columns of the base in the first family that has some of a floating base before those of all joints."""
     for family in by_kind.get(kind, {}).values():
         columns = [family[number] for number in _numbers(family)]
         if len(columns) == _FLOATING_BASE[kind] + len(robot.joint_names):
-            yield columns
+            return columns[: _FLOATING_BASE[kind]]
+    return []
 
 
 def _w_is_first(file: TableFile, columns: Sequence[str]) -> bool:
@@ -136,7 +130,8 @@ def _found(robot: RobotModel, file: TableFile, kind: str, by_kind: ByKind) -> tu
     """Return the columns of a kind by our names, and the reason."""
     of_kind = by_kind.get(kind, {})
     if kind in JOINT_KINDS:
-        return _named_joints(robot, kind, of_kind.values()) or _numbered_joints(robot, file, kind, by_kind)
+        found = _named_joints(robot, kind, of_kind.values())
+        return (found, "by name") if found else _numbered_joints(robot, file, kind, by_kind)
     found = _sensor(kind, of_kind)
     if found or kind not in ("gyro", "accelerometer"):
         return found, "by name"
@@ -203,17 +198,15 @@ def _numbers(family: Collection[str]) -> list[str]:
     return sorted((part for part in family if part.isdigit()), key=int)
 
 
-def _named_joints(
-    robot: RobotModel, kind: str, of_kind: Iterable[Mapping[str, str]]
-) -> tuple[dict[str, str], str] | None:
-    """Return the first family that names every joint, by documented names, and the reason."""
+def _named_joints(robot: RobotModel, kind: str, of_kind: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """Return the first family that names every joint, by documented names."""
     for family in of_kind:
         try:
             matches = map_joints(robot, list(family)).matches
         except RecordingError:
             continue
-        return {f"{kind}.{match.robot_joint}": family[match.log_joint] for match in matches}, "by name"
-    return None
+        return {f"{kind}.{match.robot_joint}": family[match.log_joint] for match in matches}
+    return {}
 
 
 def _numbered_joints(robot: RobotModel, file: TableFile, kind: str, by_kind: ByKind) -> tuple[dict[str, str], str]:
@@ -255,11 +248,7 @@ def _joints_in_cells(
     family = by_kind[kind][words]
     labels = _labels(file, kind, words, _numbers(family), by_kind)
     by_label = {label: family[number] for number, label in labels.items()}
-    found, _ = _named_joints(robot, kind, [by_label]) or (
-        {f"{kind}.{label}": by_label[label] for label in by_label},
-        "",
-    )
-    return found
+    return _named_joints(robot, kind, [by_label]) or {f"{kind}.{label}": by_label[label] for label in by_label}
 
 
 def _labels(
