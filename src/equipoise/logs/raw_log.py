@@ -166,12 +166,8 @@ def _joint_stream(
     velocity = _measured(raw.velocity, rows, columns, "velocities", findings)
     torque = _measured(raw.torque, rows, columns, "torques", findings)
     kept = _kept("joint", time, [part for part in (position, velocity, torque) if part is not None], span, findings)
-    return JointStream(
-        time[kept] - origin,
-        _taken(position, kept),
-        None if velocity is None else _taken(velocity, kept),
-        None if torque is None else _taken(torque, kept),
-    )
+    others = (None if part is None else _taken(part, kept) for part in (velocity, torque))
+    return JointStream(time[kept] - origin, _taken(position, kept), *others)
 
 
 def _foot_forces(raw: RawJoints, origin: float) -> FootLoads | None:
