@@ -26,6 +26,9 @@ from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 
 Unexplained = Callable[[float, FloatArray], float]
+Seen = tuple[FloatArray, FloatArray, FloatArray | None]
+"""Rotation of the base by the encoders, in n steps of a track, in base axes: (2, n) begin and end of each [s]; (n, 3) angular
+velocity, or its cross product with the arms; (n, 3) arms whose rotation is measured [m], or None."""
 
 _STANCE_MOTION, _STEPS = "stance motion", "steps"
 
@@ -83,42 +86,26 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
         seen, motion = next((part for part in walked if part is not None), None), _STEPS
     if seen is None:
         return None
-    imu = recording.between(seen.edges.min() - _AROUND, seen.edges.max() + _AROUND).imu
+    edges, turning, arms = seen
+    imu = recording.between(edges.min() - _AROUND, edges.max() + _AROUND).imu
     angle = integral(imu.time, imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T)
 
     def unexplained(offset: float, correction: FloatArray) -> float:
-        begin, end = seen.edges - offset
+        """Return the fraction of its variance that the gyroscope leaves; all of it if few steps are within its samples."""
+        begin, end = edges - offset
         inside = (begin >= imu.time[0]) & (end <= imu.time[-1])
-        return seen.unexplained((angle(end) - angle(begin)) / (end - begin)[:, None] @ correction.T, inside)
+        if inside.mean() < _SHARED:
+            return 1.0
+        sensed = (angle(end) - angle(begin)) / (end - begin)[:, None] @ correction.T
+        sensed = sensed if arms is None else cross(sensed, arms)
+        difference, reference = (sensed - turning)[inside], turning[inside]
+        spread = ((reference - reference.mean(axis=0)) ** 2).sum()
+        return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
 
     offset, left = _best_offset(unexplained, np.eye(3), _FARTHEST if motion == _STANCE_MOTION else _FARTHEST_OF_STEPS)
     if left > _DOUBTFUL:
         _name_mistake(robot, unexplained, min(_CURED, left / 3), motion)
-    return GyroscopeComparison(offset, left, left <= _WRONG, float(np.diff(seen.edges, axis=0).sum()), motion)
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """Rotation of the base by the encoders, in n steps of a track.
-
-    Attributes:
-        edges: (2, n) begin and end of each [s].
-        turning: (n, 3) angular velocity, or its cross product with the arms, in base axes.
-        arms: (n, 3) arms whose rotation is measured, in base axes [m]; None: the angular velocity itself is measured.
-    """
-
-    edges: FloatArray
-    turning: FloatArray
-    arms: FloatArray | None = None
-
-    def unexplained(self, angular_velocity: FloatArray, inside: NDArray[np.bool_]) -> float:
-        """Return the fraction of its variance that (n, 3) angular velocities leave; all of it if few steps are inside."""
-        sensed = angular_velocity if self.arms is None else cross(angular_velocity, self.arms)
-        if inside.mean() < _SHARED:
-            return 1.0
-        difference, reference = (sensed - self.turning)[inside], self.turning[inside]
-        spread = ((reference - reference.mean(axis=0)) ** 2).sum()
-        return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
+    return GyroscopeComparison(offset, left, left <= _WRONG, float(np.diff(edges, axis=0).sum()), motion)
 
 
 def _parts(track: Track) -> Iterator[Track]:
@@ -128,7 +115,7 @@ def _parts(track: Track) -> Iterator[Track]:
         yield track.part(slice(first, last if len(track.time) - last > _FEWEST else None))
 
 
-def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
+def _walked(legs: LegChains, stance: Stance, track: Track) -> Seen | None:
     """Return the rotation in the steps of a piece of a track; None if the robot does not walk for long in it."""
     if len(track.time) * track.step < 2 * CONTEXT * stance.scale.time:
         return None
@@ -152,7 +139,7 @@ def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
     return None
 
 
-def _seen_in(legs: LegChains, track: Track, steps: Sequence[Step]) -> _Seen | None:
+def _seen_in(legs: LegChains, track: Track, steps: Sequence[Step]) -> Seen | None:
     """Return the rotation of the line between two standing feet, in the base frame, over steps.
 
     With velocities v in the base frame, less rolling: v_one - v_other = -omega x (p_one - p_other).
@@ -173,10 +160,10 @@ def _seen_in(legs: LegChains, track: Track, steps: Sequence[Step]) -> _Seen | No
         edges.append(np.array([part.time - track.step / 2, part.time + track.step / 2]))
         turning.append(moved[:, other] - moved[:, one])
         arms.append((motion.foot - radius)[:, one] - (motion.foot - radius)[:, other])
-    return _Seen(np.hstack(edges), np.concatenate(turning), np.concatenate(arms)) if turning else None
+    return (np.hstack(edges), np.concatenate(turning), np.concatenate(arms)) if turning else None
 
 
-def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Seen | None:
+def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> Seen | None:
     """Return the rotation of the base in stance motions, by the legs; None if there is too little.
 
     Some minutes of motion suffice: a long log is read piece by piece until there are as many.
@@ -193,7 +180,7 @@ def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Se
     if sum(map(len, turning)) * STEP < _ENOUGH:
         return None
     every = 1 + sum(map(len, turning)) // _PLENTY
-    return _Seen(np.hstack(steps)[:, ::every], np.concatenate(turning)[::every])
+    return np.hstack(steps)[:, ::every], np.concatenate(turning)[::every], None
 
 
 def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, NDArray[np.bool_]]:
