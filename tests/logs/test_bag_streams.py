@@ -23,13 +23,13 @@ def message(stamp, names, position, velocity=()):
 
 
 def gathered(batches, room=10_000):
-    """Clock and joints of a topic of batches of (times, bodies)."""
+    """A topic of batches of (times, bodies), and its joints."""
     topic = GatheredTopic("/joint_states", JOINT_STATE, known_types(), room)
     for times, bodies in batches:
         for received, body in zip(times, bodies, strict=True):
             topic.take([("/joint_states", JOINT_STATE, received, body)])
-    clock, joints, _ = topic.streams()
-    return clock, joints
+    topic.finish()
+    return topic, topic.joints(np.empty(0))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def batches():
 
 
 def test_joints_and_velocities_that_come_later_are_nan_before(batches):
-    clock, joints = gathered(batches)
+    topic, joints = gathered(batches)
     assert joints.names == ("a", "b", "c")
     np.testing.assert_array_equal(joints.position[:, 0], np.arange(10_000))
     np.testing.assert_array_equal(joints.position[:, 1], -np.arange(10_000))
@@ -49,14 +49,14 @@ def test_joints_and_velocities_that_come_later_are_nan_before(batches):
     assert np.isnan(joints.velocity[:5000]).all()
     assert (joints.velocity[5000:] == [9, 8, 7]).all()
     assert joints.torque is None
-    np.testing.assert_array_equal(clock.header, np.arange(10_000))
+    np.testing.assert_array_equal(topic.header, np.arange(10_000))
 
 
 def test_messages_are_put_in_order_of_receipt(batches):
     """Recorders with several threads write messages out of order."""
     (times, bodies), _ = batches
-    clock, joints = gathered([(list(reversed(times)), list(reversed(bodies)))])
-    np.testing.assert_array_equal(clock.received, np.arange(5000))
+    topic, joints = gathered([(list(reversed(times)), list(reversed(bodies)))])
+    np.testing.assert_array_equal(topic.received, np.arange(5000))
     np.testing.assert_array_equal(joints.position[:, 0], np.arange(5000))
 
 

@@ -18,7 +18,6 @@ from equipoise.errors import RecordingError
 from equipoise.logs.cdr_arrays import Messages, read_messages
 from equipoise.logs.message_types import COMMANDS, IMU, JOINT_STATE, MOTOR_NAMES, STATES
 from equipoise.logs.raw_log import RawImu, RawJoints, any_numbers
-from equipoise.logs.stamps import Stamps
 from equipoise.recording.mcap_reader import Message
 from equipoise.recording.recording import read_only
 from equipoise.robot.model import LEG_NAMES
@@ -46,6 +45,9 @@ class GatheredTopic:
     Attributes:
         frame: frame that the first message names.
         thinned: True to keep one message per period only.
+        received: (n,) times at which the recorder received the messages [ns since 1970], once `finish` was called.
+        header: (n,) stamps in the messages [ns], or empty if they have none; likewise.
+        ticks: (n,) counts of an onboard clock in an unknown unit, or empty; likewise.
     """
 
     def __init__(self, topic: str, message_type: str, types: Mapping[str, Any], room: int) -> None:
@@ -62,23 +64,35 @@ class GatheredTopic:
         if len(self._messages) >= _BATCH:
             self._read()
 
-    def streams(self) -> tuple[Stamps, RawJoints | None, RawImu | None]:
-        """Return all messages in order of receipt: clock, joints and IMU. The times of joints and IMU are still empty."""
+    def finish(self) -> None:
+        """Put all messages in order of receipt."""
         self._read()
         tables: Arrays = {name: read_only(table)[: self._count] for name, table in self._tables.items()}
         whole: Arrays = {key: part for key, part in tables.items() if key not in _OF_JOINTS or not np.isnan(part).all()}
         if (np.diff(whole["received"]) < 0).any():  # as a recorder with several threads writes them
             order = np.argsort(whole["received"], kind="stable")
             whole = {quantity: read_only(table[order]) for quantity, table in whole.items()}
-        none, empty = np.empty(0, dtype=np.int64), np.empty(0)
-        clock = Stamps(self.topic, *(whole.get(quantity, none) for quantity in _WHOLE_NUMBERS))
-        joints = imu = None
-        if "position" in whole:
-            velocity, torque, force = (whole.get(quantity) for quantity in ("velocity", "torque", "foot_force"))
-            joints = RawJoints(empty, tuple(self._names), whole["position"], velocity, torque, force)
-        if "gyroscope" in whole:
-            imu = RawImu(empty, whole["gyroscope"], whole["accelerometer"], whole.get("orientation"))
-        return clock, joints, imu
+        none = np.empty(0, dtype=np.int64)
+        self.received, self.header, self.ticks = (whole.get(quantity, none) for quantity in _WHOLE_NUMBERS)
+        self._tables = whole
+
+    def joints(self, time: FloatArray) -> RawJoints | None:
+        """Return the joints, or None if the messages have no positions; to be called after `finish`.
+
+        Args:
+            time: (n,) times of the messages [s].
+        """
+        if "position" not in self._tables:
+            return None
+        measured = (self._tables.get(quantity) for quantity in ("velocity", "torque", "foot_force"))
+        return RawJoints(time, tuple(self._names), self._tables["position"], *measured)
+
+    def imu(self, time: FloatArray) -> RawImu | None:
+        """Return the IMU's samples, as `joints` does."""
+        if "gyroscope" not in self._tables:
+            return None
+        orientation = self._tables.get("orientation")
+        return RawImu(time, self._tables["gyroscope"], self._tables["accelerometer"], orientation)
 
     def _read(self) -> None:
         """Put the messages that were taken last into the tables."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -134,22 +133,17 @@ def _raw_log(
     findings: list[LogFinding],
 ) -> RawLog:
     joint_topic, imu_topic, command_topic = topics
-    streams = {topic: of.streams() for topic, of in gathered.items()}
-    times, kind = common_times([clock for clock, _, _ in streams.values()], (joint_topic, imu_topic), findings)
+    for topic in gathered.values():
+        topic.finish()
+    times, kind = common_times([*gathered.values()], (joint_topic, imu_topic), findings)
     named = {"joints": joint_topic, "IMU": imu_topic, "commands": command_topic}
     about = {stream: f"{topic} ({gathered[topic].type})" for stream, topic in named.items() if topic is not None}
     about["stamps"] = kind
     if gathered[imu_topic].frame:
         about["IMU frame"] = gathered[imu_topic].frame
-    joints, imu = streams[joint_topic][1], streams[imu_topic][2]
-    commands = None if command_topic is None else streams[command_topic][1]
+    joints, imu = gathered[joint_topic].joints(times[joint_topic]), gathered[imu_topic].imu(times[imu_topic])
+    commands = None if command_topic is None else gathered[command_topic].joints(times[command_topic])
     if joints is None or imu is None:
         raise RecordingError(f"{joint_topic} holds no joints, or {imu_topic} no IMU samples")
-    return RawLog(
-        replace(joints, time=times[joint_topic]),
-        replace(imu, time=times[imu_topic]),
-        None if command_topic is None or commands is None else replace(commands, time=times[command_topic]),
-        about,
-        tuple(findings),
-        map_by_order(robot, MOTOR_LEGS, MOTOR_NAMES) if gathered[joint_topic].type in STATES else None,
-    )
+    joint_map = map_by_order(robot, MOTOR_LEGS, MOTOR_NAMES) if gathered[joint_topic].type in STATES else None
+    return RawLog(joints, imu, commands, about, tuple(findings), joint_map)

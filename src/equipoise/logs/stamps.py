@@ -6,12 +6,12 @@ Stamps are whole nanoseconds since 1970, too long for a float: the first is subt
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
+from equipoise.logs.bag_streams import GatheredTopic
 from equipoise.logs.finding import LogFinding
 
 IntArray = NDArray[np.int64]
@@ -22,55 +22,16 @@ _TICK_MISS = 0.02  # [s] by which a steady clock may miss receive times: delays 
 _OVERLAP = 0.5  # of the shorter stream that must lie within the other
 
 
-@dataclass(frozen=True, eq=False)
-class Stamps:
-    """Times of the messages of a topic.
-
-    Attributes:
-        topic: name of the topic.
-        received: (n,) times at which the recorder received the messages [ns since 1970].
-        header: (n,) stamps in the messages [ns], or empty if they have none.
-        ticks: (n,) counts of an onboard clock in an unknown unit, or empty.
-    """
-
-    topic: str
-    received: IntArray
-    header: IntArray
-    ticks: IntArray
-
-    def why_not_header(self) -> str | None:
-        """Return why the messages' own stamps are not used, or None."""
-        if not self.header.size:
-            return "its messages have no stamps"
-        if not self.header.any():  # the first may well be: simulated clocks start there
-            return "its stamps are zero"
-        if self.header.size > 1 and (np.diff(self.header) > 0).mean() < _INCREASING:
-            return "its stamps do not increase"
-        span, received = np.ptp(self.header), np.ptp(self.received)
-        if abs(float(span) - float(received)) > _SPAN * max(float(received), 1e8):
-            return f"its stamps span {span * 1e-9:.1f} s, its receive times {received * 1e-9:.1f} s"
-        return None
-
-    def by_ticks(self) -> FloatArray | None:
-        """Return receive times without their jitter, from a steady onboard clock [ns after the first]."""
-        if self.ticks.size < 10 or (np.diff(self.ticks) <= 0).any():
-            return None
-        ticks, received = (self.ticks - self.ticks[0]).astype(float), (self.received - self.received[0]).astype(float)
-        slope, start = (float(value) for value in np.asarray(np.polyfit(ticks, received, 1), dtype=float))
-        steady = slope * ticks + start
-        return steady if float(np.quantile(np.abs(steady - received), 0.95)) < _TICK_MISS * 1e9 else None
-
-
 def common_times(
-    streams: Sequence[Stamps], needed: Sequence[str], findings: list[LogFinding]
+    streams: Sequence[GatheredTopic], needed: Sequence[str], findings: list[LogFinding]
 ) -> tuple[dict[str, FloatArray], str]:
-    """Return the times of all streams after the earliest sample [s], and the name of their clock.
+    """Return the times of all topics after the earliest sample [s], and the name of their clock.
 
     Args:
         needed: names of the topics that decide, those of joints and IMU.
     """
     sensed = [stream for stream in streams if stream.topic in needed]
-    reasons = [f"{stream.topic}: {why}" for stream in sensed if (why := stream.why_not_header()) is not None]
+    reasons = [f"{stream.topic}: {why}" for stream in sensed if (why := _why_not_header(stream)) is not None]
     if not reasons and not _overlap([stream.header for stream in sensed]):
         reasons.append("the stamps of joints and IMU are from different clocks")
     if not reasons:
@@ -83,17 +44,41 @@ def common_times(
     return _by_receipt(streams, min(int(stream.received[0]) for stream in sensed))
 
 
-def _by_receipt(streams: Sequence[Stamps], origin: int) -> tuple[dict[str, FloatArray], str]:
+def _why_not_header(stream: GatheredTopic) -> str | None:
+    """Return why the messages' own stamps are not used, or None."""
+    if not stream.header.size:
+        return "its messages have no stamps"
+    if not stream.header.any():  # the first may well be: simulated clocks start there
+        return "its stamps are zero"
+    if stream.header.size > 1 and (np.diff(stream.header) > 0).mean() < _INCREASING:
+        return "its stamps do not increase"
+    span, received = np.ptp(stream.header), np.ptp(stream.received)
+    if abs(float(span) - float(received)) > _SPAN * max(float(received), 1e8):
+        return f"its stamps span {span * 1e-9:.1f} s, its receive times {received * 1e-9:.1f} s"
+    return None
+
+
+def _by_receipt(streams: Sequence[GatheredTopic], origin: int) -> tuple[dict[str, FloatArray], str]:
     times: dict[str, FloatArray] = {}
     kind = "receive times"
     for stream in streams:
-        steady = stream.by_ticks()
+        steady = _by_ticks(stream)
         if steady is None:
             times[stream.topic] = _seconds(stream.received, origin)
         else:
             times[stream.topic] = np.asarray((steady + float(stream.received[0] - origin)) * 1e-9, dtype=float)
             kind = "receive times, smoothed by the robot's tick"
     return times, kind
+
+
+def _by_ticks(stream: GatheredTopic) -> FloatArray | None:
+    """Return receive times without their jitter, from a steady onboard clock [ns after the first]."""
+    if stream.ticks.size < 10 or (np.diff(stream.ticks) <= 0).any():
+        return None
+    ticks, received = ((times - times[0]).astype(float) for times in (stream.ticks, stream.received))
+    slope, start = (float(value) for value in np.asarray(np.polyfit(ticks, received, 1), dtype=float))
+    steady = slope * ticks + start
+    return steady if float(np.quantile(np.abs(steady - received), 0.95)) < _TICK_MISS * 1e9 else None
 
 
 def _seconds(nanoseconds: IntArray, origin: int) -> FloatArray:
