@@ -85,11 +85,6 @@ class RestMeans:
     gyro_bias: FloatArray
 
 
-def rest_of(robot: RobotModel, recording: Recording, phase: str = "rest") -> RestMeans:
-    """Return the means over a phase at rest; raises as `still_means`."""
-    return still_means(robot, recording.phase(phase))
-
-
 def still_means(robot: RobotModel, still: Recording) -> RestMeans:
     """Return the means over a recording at rest.
 
@@ -122,7 +117,7 @@ def tilt_of(robot: RobotModel, recording: Recording, trial: CommandedLift) -> Ti
         recording: recording with phases "rest", "unload" and "lower"; the robot tips between the last two.
         trial: commanded trial.
     """
-    rest = rest_of(robot, recording)
+    rest = still_means(robot, recording.phase(Phase.REST))
     lifted = recording.phase(Phase.UNLOAD, until=Phase.LOWER)
     turned = _turned(robot, lifted, rest)
     up = rest.up_in_base - np.cross(turned, rest.up_in_base)
@@ -150,7 +145,7 @@ def support_plane_of(robot: RobotModel, recording: Recording, diagonal: str, sta
         diagonal: diagonal that the robot stood on.
         stance: (nj,) joint positions of the nominal stance [rad].
     """
-    rest = rest_of(robot, recording)
+    rest = still_means(robot, recording.phase(Phase.REST))
     _, normal, point = line_axes(robot, rest.joint_position, rest.up_in_base, diagonal)
     moved = composite_parameters(robot, stance).com - composite_parameters(robot, rest.joint_position).com
     return SupportPlane(point + moved, normal)

@@ -110,8 +110,8 @@ def read_lift_trial(robot: RobotModel, recording: Recording, stance: FloatArray)
     if not isinstance(trial, CommandedLift) or not recording.complete:
         raise RecordingError("the recording does not contain a complete lift trial; repeat an interrupted run")
     at_rest = support_plane_of(robot, recording, trial.diagonal, stance)
-    onset = tipping_onset(robot, recording, trial)
-    return LiftReading(trial, recording, tilt_of(robot, recording, trial), at_rest.moved(-onset.moved), onset.ahead)
+    moved, ahead = tipping_onset(robot, recording, trial)
+    return LiftReading(trial, recording, tilt_of(robot, recording, trial), at_rest.moved(-moved), ahead)
 
 
 def read_lift_trials(robot: RobotModel, recordings: Sequence[Recording], stance: FloatArray) -> list[LiftReading]:

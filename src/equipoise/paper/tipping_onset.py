@@ -6,22 +6,21 @@ of its capture point x, not of its CoM (`experiments.tipping`), with a the lean 
 
     x = a + a' / w,     x grows as e^(w t).
 
-The feet are measured at rest. From the rest until the feet leave the floor at t_0, x moves by `TippingOnset.moved`.
-After t_0 it grows by x(t) - x(t_0) = (e^(w (t - t_0)) - 1) x(t_0), which determines its distance from the line at t_0,
-`TippingOnset.ahead`. Gyroscope and encoders measure both. Without this correction, support lines are wrong by half a
+The feet are measured at rest. x moves from the rest until the feet leave the floor at t_0.
+After t_0 it grows by x(t) - x(t_0) = (e^(w (t - t_0)) - 1) x(t_0), which determines its distance from the line at t_0.
+Gyroscope and encoders measure both. Without this correction, support lines are wrong by half a
 millimetre on an A1 and up to 7 mm on a HyQ.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from equipoise.conventions import FloatArray
-from equipoise.experiments.tilt import RestMeans, rest_of
+from equipoise.experiments.tilt import RestMeans, still_means
 from equipoise.experiments.tipping import Pendulum
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
@@ -33,35 +32,26 @@ _OFF_THE_FLOOR = 0.12  # of the lift height: feet this high carry no load, and t
 _WINDOW = 0.035  # [s], half the interval of the difference that gives the rate of the lean
 
 
-@dataclass(frozen=True)
-class TippingOnset:
-    """Capture point at the start of a lift, across the support line; positive: forward.
-
-    Attributes:
-        moved: displacement of the capture point from the rest until the feet left the floor [m].
-        ahead: distance of the capture point from the line at that moment, from the rate of tipping [m].
-    """
-
-    moved: float
-    ahead: float
-
-
-def tipping_onset(robot: RobotModel, recording: Recording, trial: CommandedLift) -> TippingOnset:
-    """Compute the motion of the capture point at the start of a lift.
+def tipping_onset(robot: RobotModel, recording: Recording, trial: CommandedLift) -> tuple[float, float]:
+    """Compute the motion of the capture point at the start of a lift, across the support line; positive: forward.
 
     Args:
         robot: model of the robot.
         recording: recording with phases "rest", "unload" and "lower".
         trial: lift that was commanded.
+
+    Returns:
+        displacement of the capture point from the rest until the feet left the floor, and its distance from the line at that
+        moment, from the rate of tipping [m].
     """
-    rest = rest_of(robot, recording)
+    rest = still_means(robot, recording.phase(Phase.REST))
     tipping = Pendulum.of(robot, rest.joint_position, rest.up_in_base, trial.diagonal)
     lifted = recording.phase(Phase.UNLOAD, until=Phase.LOWER)
     time, capture = _capture_point(robot, lifted, rest, tipping)
     off, end = _off_the_floor(robot, lifted, rest, trial), float(time[-1]) - _WINDOW
     moved, tipped = np.interp([off, end], time, capture).tolist()
     growth = math.expm1(tipping.rate * max(end - off, _WINDOW))
-    return TippingOnset(moved, (tipped - moved) / growth)
+    return moved, (tipped - moved) / growth
 
 
 def _capture_point(
