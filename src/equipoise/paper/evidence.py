@@ -11,22 +11,13 @@ from equipoise.result.calibration import Evidence
 
 
 @dataclass(frozen=True, eq=False)
-class ExcitationEvidence(Evidence):
-    """Evidence of a run with excitations.
+class SearchEvidence(Evidence):
+    """Evidence of a run of the paper's method.
 
     Attributes:
         fits: fits of equations 2 to 5, by axis.
-    """
-
-    fits: Mapping[str, AxisFit]
-
-
-@dataclass(frozen=True, eq=False)
-class SearchEvidence(ExcitationEvidence):
-    """Evidence of a run with the paper's search.
-
-    Attributes:
         lifts: results of all lift trials, in order.
     """
 
+    fits: Mapping[str, AxisFit]
     lifts: tuple[TriedOffset, ...]

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from equipoise.conventions import AXES
 from equipoise.figures.blocks import Block, Figure, axes, line
 from equipoise.paper.equations import AxisFit
-from equipoise.paper.evidence import ExcitationEvidence
+from equipoise.paper.evidence import SearchEvidence
 from equipoise.result.calibration import Calibration
 
 
 def excitation_blocks(result: Calibration) -> list[Block]:
     """Return two figures for each axis, and the reasons for axes without an estimate."""
-    fits: Mapping[str, AxisFit] = result.evidence.fits if isinstance(result.evidence, ExcitationEvidence) else {}
+    fits: Mapping[str, AxisFit] = result.evidence.fits if isinstance(result.evidence, SearchEvidence) else {}
     figures = [one for axis in AXES if axis in fits for one in _figures(fits[axis])]
     notes = [f"{axis}: {excitation.note}" for axis, excitation in result.excitations.items() if excitation.note]
     same = {excitation.note for excitation in result.excitations.values()}
