@@ -13,7 +13,6 @@ from equipoise.paper.equations import (
     dominant_sinusoid,
     find_intersection,
     fit_axis,
-    mean_plane,
     torque_about_com,
 )
 from equipoise.recording.recording import PHASE, Event, ImuStream, JointStream, Recording
@@ -69,7 +68,7 @@ def test_two_support_planes_meet_where_the_com_is():
 def test_commanded_planes_point_forward_on_both_diagonals(a1):
     stance = nominal_stance(a1)
     for diagonal in ("FL_RR", "FR_RL"):
-        plane = commanded_plane(stance.feet_in_base, diagonal)
+        plane = commanded_plane(stance, diagonal, 0.0)
         assert plane.normal[0] > 0
         assert plane.normal[2] == 0
         assert plane.distance_to(plane.point + [0.01, 0, 0]) > 0
@@ -78,7 +77,7 @@ def test_commanded_planes_point_forward_on_both_diagonals(a1):
 def test_the_mean_of_two_planes_lies_halfway_between_them():
     one = SupportPlane(np.array([0.0, 0, 0]), np.array([1.0, 0, 0]))
     other = SupportPlane(np.array([0.01, 0, 0]), np.array([1.0, 0, 0]))
-    assert mean_plane([one, other]).distance_to(np.array([0.005, 3, 1])) == pytest.approx(0)
+    assert one.towards(other, 0.5).distance_to(np.array([0.005, 3, 1])) == pytest.approx(0)
 
 
 def synthetic_excitation(a1, inertia, damping, frequency=2.0, amplitude=0.6, rate=500, duration=4.0):

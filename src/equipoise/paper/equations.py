@@ -9,11 +9,13 @@ import numpy as np
 
 from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.errors import RecordingError
+from equipoise.experiments.posture import stance_line
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import Kinematics, feet_and_forces
-from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
 
 _TORQUE_RATE = 40.0  # [Hz], well above the few Hz of an excitation
 
@@ -82,22 +84,14 @@ def find_intersection(planes: Sequence[SupportPlane], com_height: float) -> Floa
     return np.asarray(np.linalg.solve(normals[:, :2], levels), dtype=float)
 
 
-def mean_plane(planes: Sequence[SupportPlane]) -> SupportPlane:
-    """Return the mean of planes that nearly coincide, such as those of the last forward and the last backward tip."""
-    normal = np.mean([plane.normal for plane in planes], axis=0)
-    return SupportPlane(np.mean([plane.point for plane in planes], axis=0), normal / np.linalg.norm(normal))
-
-
-def commanded_plane(feet_in_base: FloatArray, diagonal: str) -> SupportPlane:
+def commanded_plane(stance: Stance, diagonal: str, offset: float) -> SupportPlane:
     """Return the support plane through commanded feet (r_hat of Algorithm 1) under a level base.
 
     Args:
-        feet_in_base: (4, 3) commanded centres of the feet in the base frame [m].
+        offset: shift of the support line from the nominal stance along the base's x axis [m].
     """
-    a, b = (feet_in_base[LEG_NAMES.index(leg)] for leg in DIAGONALS[diagonal])
-    line = a - b if a[1] > b[1] else b - a
-    normal = np.cross(line, [0.0, 0.0, 1.0])
-    return SupportPlane((a + b) / 2, normal / np.linalg.norm(normal))
+    _, normal, middle = stance_line(stance, diagonal)
+    return SupportPlane(middle + [offset, 0.0, 0.0], normal)
 
 
 def dominant_sinusoid(time: FloatArray, signal: FloatArray) -> Sinusoid:

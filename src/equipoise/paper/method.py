@@ -190,7 +190,7 @@ def _support_line(
             f"and {tips[2]} stay balanced; check for missing recordings, or resume an interrupted run"
         )
     measured = bracket.plane if settings.feet == "measured" else None
-    plane = measured or commanded_plane(shifted_feet(stance, bracket.middle), diagonal)
+    plane = measured or commanded_plane(stance, diagonal, bracket.middle)
     point, normal = (tuple(float(value) for value in vector) for vector in (plane.point, plane.normal))
     return SupportLine(bracket.middle, bracket.lower, bracket.upper, point, normal), plane  # pyright: ignore[reportArgumentType]
 

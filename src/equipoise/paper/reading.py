@@ -11,10 +11,9 @@ import numpy as np
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.paper.bracket import Bracket, step
-from equipoise.paper.equations import commanded_plane, find_intersection, mean_plane
+from equipoise.paper.equations import commanded_plane, find_intersection
 from equipoise.paper.lift_trial import holds_lift_trial, read_lift_trial
 from equipoise.paper.settings import ComSearchSettings
-from equipoise.paper.trial_runner import shifted_feet
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, RobotModel
@@ -45,7 +44,10 @@ class SearchReading:
         brackets = {diagonal: self._bracket(diagonal, trials) for diagonal in DIAGONALS}
         height = float(composite_parameters(self._robot, self._stance.joint_position).com[2])
         planes = [self._end_planes(diagonal, bracket) for diagonal, bracket in brackets.items()]
-        within = [bracket.plane or mean_plane(pair) for bracket, pair in zip(brackets.values(), planes, strict=True)]
+        within = [
+            bracket.plane or lower.towards(upper, 0.5)
+            for bracket, (lower, upper) in zip(brackets.values(), planes, strict=True)
+        ]
         com = find_intersection(within, height)
         corners = [find_intersection(corner, height) for corner in itertools.product(*planes)]
         half_width = np.abs(np.array(corners) - com).max(axis=0)
@@ -61,8 +63,6 @@ class SearchReading:
         """Return the planes at both ends, from the commanded feet if an end was not tried."""
         ends = ((bracket.lower, bracket.at_lower), (bracket.upper, bracket.at_upper))
         return [
-            commanded_plane(shifted_feet(self._stance, offset), diagonal)
-            if tried is None or tried.plane is None
-            else tried.plane
+            commanded_plane(self._stance, diagonal, offset) if tried is None or tried.plane is None else tried.plane
             for offset, tried in ends
         ]
