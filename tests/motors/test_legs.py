@@ -47,7 +47,7 @@ def test_only_the_true_legs_fit(a1, run, on_three_feet, lying):
     swings = [one for one in kept if isinstance(one.trial, MotorTrial)] if lying else on_three_feet
     scale = nominal_stance(a1).scale
     samples = motor_samples(a1, swings, scale.time)
-    found, target = legs_in_swing(a1, samples, fit_motors(a1, samples, scale), scale)
+    found, target = legs_in_swing(fit_motors(a1, samples, scale))
     names, factors, moments = link_names(a1.full_pinocchio), [], []
     for joint in [joint for leg in a1.legs.values() for joint in leg.joint_names]:
         true = parts["links"][names[a1.full_pinocchio.getJointId(joint)]]
@@ -95,7 +95,7 @@ def test_the_plan_predicts_the_swings_standard_deviations_of_legs(a1, run):
         prior = np.repeat([0.1, 0.02, 0.03], [links // 4, 3 * links // 4, rows.shape[1] - links])
         return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows + np.diag(prior**-2))))
 
-    predicted, actual = (stds(legs_in_swing(a1, *fit_swings(a1, stance, swing), stance.scale)[0]) for swing in swings)
+    predicted, actual = (stds(legs_in_swing(fit_swings(a1, stance, swing))[0]) for swing in swings)
     assert (actual / predicted > 1 / 1.3).all()
     assert (actual / predicted < 1.3).all()
     plan, lifts = both.forecast(a1, stance), both.base.forecast(a1, stance)
@@ -129,7 +129,7 @@ def test_a_joint_that_never_slides_does_not_stop_the_fit(a1, run):
     stuck = dataclasses.replace(samples, slides=slides)
     fit = fit_motors(a1, stuck, scale)
     assert np.isfinite(fit.values).all()
-    assert np.isfinite(legs_in_swing(a1, stuck, fit, scale)[0]).all()
+    assert np.isfinite(legs_in_swing(fit)[0]).all()
 
 
 def test_noise_of_stance_motions_has_a_lower_limit(a1, run):

@@ -135,7 +135,7 @@ class Motors(MotorsSettings, Method):
         Raises:
             RecordingError: it is missing or too short.
         """
-        samples, fit = fit_swings(robot, stance, tuple(last_swings(recordings)))
+        fit = fit_swings(robot, stance, tuple(last_swings(recordings)))
         nominal = nominal_inertia(robot, stance.joint_position)
         return Calibration(
             **model_facts(robot, stance.joint_position),
@@ -149,7 +149,7 @@ class Motors(MotorsSettings, Method):
             settings=self.to_dict(),
             warnings=_warnings(fit),
             evidence=Evidence(tuple(recordings)),
-            motors=_motors(robot, fit, samples.delays),
+            motors=_motors(robot, fit),
         )
 
 
@@ -184,9 +184,9 @@ def _swung(
     )
 
 
-def _motors(robot: RobotModel, fit: MotorFit, delays: tuple[np.ndarray, np.ndarray] | None) -> dict[str, Motor]:
+def _motors(robot: RobotModel, fit: MotorFit) -> dict[str, Motor]:
     stds = np.sqrt(np.diag(fit.covariance)).reshape(fit.values.shape)
-    found: dict[str, Motor] = {}
+    delays, found = fit.problem.samples.delays, dict[str, Motor]()
     for joint, name in enumerate(robot.joint_names):
         quantities: dict[str, Quantity] = {}
         for (what, unit), values, sds in zip(_FOUND[: len(fit.values)], fit.values, stds, strict=True):

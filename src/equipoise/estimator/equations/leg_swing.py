@@ -46,7 +46,7 @@ class LegSwings(Equation[Recording]):
         """Fit the swings; raises RecordingError."""
         robot, stance = unknowns.robot, unknowns.stance
         swings = tuple(last_swings([recording for _, recording in samples]))
-        self._swung, self._target = legs_in_swing(robot, *fit_swings(robot, stance, swings), stance.scale)
+        self._swung, self._target = legs_in_swing(fit_swings(robot, stance, swings))
         super().__init__(unknowns, samples[-1:])
 
     def _rows_in(self, sample: Recording) -> int:

@@ -30,8 +30,9 @@ _ROUNDS = 3  # of renewed noise
 _LEGS = Priors()  # of links and rotors
 # Other prior standard deviations.
 _GAIN = 0.05
-_COULOMB, _VISCOUS, _ARMATURE, _OFFSET = 2.0, 1.0, 0.1, 0.3  # [Nm], [Nm s/rad], [kg m2], [Nm] on an A1
-_STRIBECK = 1.0  # [Nm] on an A1
+_TORQUES = {
+    "coulomb_friction": 2.0, "viscous_friction": 1.0, "armature": 0.1, "stribeck": 1.0, "offset": 0.3,
+}  # [Nm], [Nm s/rad], [kg m2], [Nm], [Nm] on an A1  # fmt: skip
 _UNEVEN = 0.01  # of Coulomb friction: residual of a smoothed reversal, which dominates without noise
 # Differences between friction laws that fit sliding joints equally well, relative to Stribeck friction: at rest, in motion.
 _AT_REST, _IN_MOTION = 0.3, 0.03
@@ -49,31 +50,25 @@ class MotorFit:
         values: (4, nj) gain relative to the mean, minus one; Coulomb friction [Nm], viscous friction [Nm s/rad], armature
             [kg m2]. With Stribeck friction (5, nj), the last being the friction at rest beyond Coulomb's [Nm].
         covariance: (4 nj, 4 nj) or (5 nj, 5 nj) posterior covariance of `values`, row by row.
-        stribeck_speed: speed at which Stribeck friction decays [rad/s]; None without it.
         delay: delay of the position loop and its standard deviation [s], if torques are not reported; else None.
         delay_and_friction: correlation of that delay with the mean viscous friction, or None.
-        noise: (nj,) standard deviation of the residual of the averaged torques [Nm].
         residual: (nj,) systematic part of the residual: rms of its means in bins of speed or load [Nm].
         model_error: (nj,) standard deviation of model errors that can bias parameters [Nm].
         repetition: number of averages with the same error.
-        gain: (nj,) ratio of true to reported torque, including the common factor, which only the legs' masses determine.
-        carried: (n, nj) estimated true torques of legs, friction and rotors [Nm].
+        problem: problem whose solution this is.
     """
 
     values: FloatArray
     covariance: FloatArray
-    stribeck_speed: float | None
     delay: tuple[float, float] | None
     delay_and_friction: float | None
-    noise: FloatArray
     residual: FloatArray
     model_error: FloatArray
     repetition: float
-    gain: FloatArray
-    carried: FloatArray
+    problem: SwingProblem
 
 
-class _SwingProblem:
+class SwingProblem:
     """Least-squares problem of all motors: links, each joint's gain, terms and offset, the rotors' spin and the lag.
 
     Attributes:
@@ -88,29 +83,21 @@ class _SwingProblem:
     """
 
     def __init__(self, robot: RobotModel, samples: MotorSamples, scale: Scale, stribeck_speed: float | None) -> None:
-        self.samples, self.stribeck_speed = samples, stribeck_speed
-        self.model, self.terms = np.zeros_like(samples.torque), samples.terms(stribeck_speed)
-        columns, prior = list[FloatArray](), list[float]()
-        of_kind: dict[tuple[int, int], FloatArray] = {}
-        for leg in robot.legs.values():
-            for kind, joint in enumerate(leg.joint_ids):
-                body, part = robot.pinocchio.inertias[joint], samples.regressor[:, :, 10 * (joint - 1) : 10 * joint]
-                whole = part @ body.toDynamicParameters()
-                self.model += whole
-                own = [whole, *(body.mass * part[:, :, 1 + axis] for axis in range(3))]
-                columns += own
-                prior += [_LEGS.leg_mass, *[_LEGS.link_com * scale.hip_height] * 3]
-                for axis, column in enumerate(own):
-                    shared = (-1, 0) if axis == 0 else (kind, axis)  # the common error of masses is that of all links
-                    of_kind[shared] = of_kind.get(shared, np.zeros_like(self.model)) + column
-        columns += of_kind.values()
-        common = _LEGS.leg_mass_common, _LEGS.link_com_common * scale.hip_height
-        prior += [common[min(axis, 1)] for _, axis in of_kind]
-        self.links, sizes = np.stack(columns, axis=-1), prior_stds(samples, scale)
-        self.joints: int = samples.torque.shape[1]
-        for name in ("gain", *self.terms, "offset"):
-            prior += [sizes[name]] * self.joints
-        self.prior = np.array([*prior, sizes["spin"], sizes["lag"]])
+        self.robot, self.samples, self.stribeck_speed = robot, samples, stribeck_speed
+        self.terms, shape = samples.terms(stribeck_speed), samples.torque.shape
+        self.joints: int = shape[1]
+        joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
+        each = np.array([_of_link(robot, samples.regressor, joint) for joint in joints])
+        self.model: FloatArray = each[:, 0].sum(axis=0)
+        of_kinds = each[:, 1:].reshape(len(robot.legs), -1, *shape).sum(axis=0)  # CoMs of all hips, thighs or calves
+        self.links = np.stack([*each.reshape(-1, *shape), self.model, *of_kinds], axis=-1)
+        com, common_com = _LEGS.link_com * scale.hip_height, _LEGS.link_com_common * scale.hip_height
+        prior = [_LEGS.leg_mass, com, com, com] * len(joints)
+        prior += [_LEGS.leg_mass_common, *[common_com] * len(of_kinds)]
+        for own_prior in (_GAIN, *(_TORQUES[name] * scale.torque for name in (*self.terms, "offset"))):
+            prior += [own_prior] * self.joints
+        lag = _LAG_SHARE * samples.period if samples.reported else _DELAY
+        self.prior = np.array([*prior, _LEGS.rotor_spin * scale.torque, lag])
         self.start = np.zeros(self.prior.size)
         self.start[-1] = samples.period / 2
         x, _ = solve(self, self.start, _ROUNDS)
@@ -180,24 +167,29 @@ class _SwingProblem:
         return lsq_linear(root, root @ x, (least, np.full(x.size, np.inf)), "bvls").x
 
 
+def _of_link(robot: RobotModel, regressor: FloatArray, joint: int) -> FloatArray:
+    """Return (4, n, nj) torques of the link that a joint moves, and of a shift of its CoM along each of its axes."""
+    body, own = robot.pinocchio.inertias[joint], regressor[:, :, 10 * (joint - 1) : 10 * joint]
+    return np.array([own @ body.toDynamicParameters(), *(body.mass * own[:, :, 1 + axis] for axis in range(3))])
+
+
 def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorFit:
     """Fit the motors, from the model file's legs; the noise is estimated from the residual."""
-    problem = _SwingProblem(robot, samples, scale, None)
-    if _needs_stribeck(problem, prior_stds(samples, scale)["stribeck"]):
-        solved = [_SwingProblem(robot, samples, scale, speed) for speed in SPEEDS]
+    problem = SwingProblem(robot, samples, scale, None)
+    if _needs_stribeck(problem, _TORQUES["stribeck"] * scale.torque):
+        solved = [SwingProblem(robot, samples, scale, speed) for speed in SPEEDS]
         problem = min(solved, key=lambda candidate: candidate.deviance)
     return _fit(problem)
 
 
 @lru_cache(maxsize=2)  # a run for base and motors uses its swings for both
-def fit_swings(robot: RobotModel, stance: Stance, swings: tuple[Recording, ...]) -> tuple[MotorSamples, MotorFit]:
-    """Return the samples of all swings and their fit.
+def fit_swings(robot: RobotModel, stance: Stance, swings: tuple[Recording, ...]) -> MotorFit:
+    """Return the fit of all swings.
 
     Raises:
         RecordingError: a swing is too short.
     """
-    samples = motor_samples(robot, swings, stance.scale.time)
-    return samples, fit_motors(robot, samples, stance.scale)
+    return fit_motors(robot, motor_samples(robot, swings, stance.scale.time), stance.scale)
 
 
 def complete_swings(recordings: Sequence[Recording]) -> list[Recording]:
@@ -220,7 +212,7 @@ def last_swings(recordings: Sequence[Recording]) -> list[Recording]:
     return [of_leg[leg] for leg in LEG_NAMES]
 
 
-def _needs_stribeck(without: _SwingProblem, prior: float) -> bool:
+def _needs_stribeck(without: SwingProblem, prior: float) -> bool:
     """Test the residual of a solution without Stribeck friction for it.
 
     Args:
@@ -235,17 +227,6 @@ def _needs_stribeck(without: _SwingProblem, prior: float) -> bool:
     return is_significant(
         terms, design * weight[..., None], without.residual * weight, repetition * without.covariance, prior
     )
-
-
-def prior_stds(samples: MotorSamples, scale: Scale) -> dict[str, float]:
-    """Return prior standard deviations of each joint's gain, terms and offset, of the rotors' spin and of the lag."""
-    sizes = {
-        "coulomb_friction": _COULOMB, "viscous_friction": _VISCOUS, "armature": _ARMATURE, "stribeck": _STRIBECK,
-        "offset": _OFFSET,
-        "spin": _LEGS.rotor_spin,
-    }  # fmt: skip
-    lag = _LAG_SHARE * samples.period if samples.reported else _DELAY
-    return {"gain": _GAIN, **{name: own * scale.torque for name, own in sizes.items()}, "lag": lag}
 
 
 def size(residual: FloatArray, used: FloatArray) -> FloatArray:
@@ -266,7 +247,7 @@ def _repetition(residual: FloatArray, used: FloatArray, most: int = 8) -> float:
     return max(1.0, 1.0 + 2.0 * alike / power) if power > 0 else 1.0
 
 
-def _fit(problem: _SwingProblem) -> MotorFit:
+def _fit(problem: SwingProblem) -> MotorFit:
     """Express a solution relative to the mean gain, which only the legs' masses determine."""
     samples, x, residual, noise = problem.samples, problem.x, problem.residual, problem.noise
     repetition = _repetition(residual / noise, samples.slides)
@@ -289,19 +270,15 @@ def _fit(problem: _SwingProblem) -> MotorFit:
         correlation = shared / float(np.sqrt(viscous_friction @ covariance @ viscous_friction * covariance[-1, -1]))
     spread = flat @ covariance @ flat.T
     spread[np.diag_indices_from(spread)] += _error_variances(problem, model_error, values).ravel()
-    carried = gain * (samples.torque - residual - x[problem.of("offset")] - samples.kp * samples.command_rate * x[-1])
     return MotorFit(
         values,
         spread,
-        problem.stribeck_speed,
         delay,
         correlation,
-        noise,
         residual_level,
         model_error,
         repetition,
-        gain,
-        carried,
+        problem,
     )
 
 
@@ -317,7 +294,7 @@ def _model_error(samples: MotorSamples, residual_level: FloatArray) -> FloatArra
     return _MODEL_ERROR * np.sqrt((residual_level**2 + (common * carried) ** 2) / 2)
 
 
-def _error_variances(problem: _SwingProblem, model_error: FloatArray, values: FloatArray) -> FloatArray:
+def _error_variances(problem: SwingProblem, model_error: FloatArray, values: FloatArray) -> FloatArray:
     """Return (k, nj) variances of `values` due to model errors, gains first.
 
     The model error may be in each term. A time difference between a board's own position sample and the reported one acts

@@ -19,9 +19,8 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.estimator.equations.torque_balance import columns_of_links
 from equipoise.estimator.motors.equations import MotorSamples
-from equipoise.estimator.motors.fit import MotorFit, positive_size, prior_stds, size
+from equipoise.estimator.motors.fit import MotorFit, positive_size, size
 from equipoise.robot.model import RobotModel
-from equipoise.robot.scale import Scale
 
 _LOAD = 0.05  # friction over the torque that a gear carries
 _OWN_INERTIA = 0.1  # of a link's inertia about its CoM, not proportional to its mass
@@ -32,9 +31,7 @@ _Nuisance = tuple[FloatArray, float, float]
 """Column (n, nj) of a nuisance parameter, and the standard deviation and mean of its prior."""
 
 
-def legs_in_swing(
-    robot: RobotModel, samples: MotorSamples, fit: MotorFit, scale: Scale
-) -> tuple[FloatArray, FloatArray]:
+def legs_in_swing(fit: MotorFit) -> tuple[FloatArray, FloatArray]:
     """Build the whitened linear system of the swings in the links' inertial parameters and the gains.
 
     Returns:
@@ -44,41 +41,41 @@ def legs_in_swing(
     Raises:
         RecordingError: torques are not reported, and gains are undefined.
     """
+    problem, samples, robot = fit.problem, fit.problem.samples, fit.problem.robot
     if not samples.reported:
         raise RecordingError("joint torques are not reported: swings do not determine the masses of links")
-    per_gain, prior = 1 / fit.gain, prior_stds(samples, scale)
-    links = per_gain[:, None] * columns_of_links(robot, samples.regressor)
-    own = per_gain[:, None] * _own_inertias(robot, samples)
-    by_gain = -(per_gain**2) * fit.carried
-    gains = np.stack([_alone(by_gain, joint) for joint in range(by_gain.shape[1])], axis=-1)
+    _, design = problem.linearised(problem.x)
+    gain, gains = 1 + problem.x[problem.of("gain")], design[:, :, problem.of("gain")]
+    links = columns_of_links(robot, samples.regressor) / gain[:, None]
+    own = _own_inertias(robot, samples) / gain[:, None]
+    by_gain = gains.sum(axis=-1)
+    carried = -(gain**2) * by_gain  # true torques of legs, friction and rotors
 
     joints = [int(joint) for leg in robot.legs.values() for joint in leg.joints]  # the one that moves each leg link
-    nuisances: list[_Nuisance] = []
-    for name, term in samples.terms(fit.stribeck_speed).items():
-        nuisances += _of_each_joint(per_gain * term, prior[name])
-    nuisances += _of_each_joint(np.ones_like(samples.torque), prior["offset"])
+    others = slice(problem.of("gain").stop, None)  # friction, armature, offsets, spin and lag
+    nuisances: list[_Nuisance] = [
+        *zip(np.moveaxis(design[:, :, others], -1, 0), problem.prior[others], problem.start[others], strict=True)
+    ]
     nuisances += _of_each_joint(samples.sign * np.abs(samples.torque), _LOAD)
-    nuisances.append((per_gain * samples.spin, prior["spin"], 0.0))
-    nuisances.append((samples.kp * samples.command_rate, prior["lag"], samples.period / 2))
     for joint, column in zip(joints, np.moveaxis(own, -1, 0), strict=True):
         if (rms := size(column, samples.slides)[joint]) > 0:
             nuisances.append((column, float(np.hypot(_OWN_INERTIA, fit.model_error[joint] / rms)), 0.0))
-    moment_error = np.hypot(fit.model_error, _MISALIGNMENT * size(fit.carried, samples.slides))
+    moment_error = np.hypot(fit.model_error, _MISALIGNMENT * size(carried, samples.slides))
     nuisances += _of_each_joint(by_gain, fit.model_error / positive_size(samples.torque, samples.slides))
     for joint, column in zip(np.repeat(joints, 3), np.moveaxis(links[..., len(joints) :], -1, 0), strict=True):
         if (rms := size(column, samples.slides)[joint]) > 0:
             nuisances.append((_alone(column, joint), float(moment_error[joint] / rms), 0.0))
-    target = samples.torque + by_gain * (fit.gain - 1)
-    system = _eliminated(nuisances, np.concatenate([links, gains, target[..., None]], axis=-1), samples, fit)
+    target = samples.torque + by_gain * (gain - 1)
+    system = _eliminated(nuisances, np.concatenate([links, gains, target[..., None]], axis=-1), fit)
     return system[:, :-1], system[:, -1]
 
 
-def _eliminated(nuisances: list[_Nuisance], system: FloatArray, samples: MotorSamples, fit: MotorFit) -> FloatArray:
+def _eliminated(nuisances: list[_Nuisance], system: FloatArray, fit: MotorFit) -> FloatArray:
     """Eliminate nuisance parameters from an (n, nj, k) system; returns (r, k) rows with the same information."""
     used = [nuisance for nuisance in nuisances if nuisance[1] > 0]
     std, mean = np.array([nuisance[1:] for nuisance in used]).T
     whole, count = np.concatenate([np.stack([column for column, _, _ in used], axis=-1), system], axis=-1), len(used)
-    weight = samples.slides / fit.noise / np.sqrt(fit.repetition)
+    weight = fit.problem.samples.slides / fit.problem.noise / np.sqrt(fit.repetition)
     prior = np.zeros((count, whole.shape[-1]))
     prior[:, :count], prior[:, -1] = np.diag(1 / std), mean / std
     rows = np.concatenate([prior, (whole * weight[..., None]).reshape(-1, whole.shape[-1])])
