@@ -10,7 +10,7 @@ from tilting import GRAVITY, Compliance, Swing, lift_samples, pendulum, rolling_
 
 from equipoise import load_robot, nominal_stance
 from equipoise.estimator.measurements.leg_motion import LegChains
-from equipoise.estimator.measurements.support_planes import centre_shift
+from equipoise.estimator.measurements.support_planes import support_planes
 from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.unknowns import model_values
@@ -376,7 +376,7 @@ def test_trials_are_evaluated_separately(a1):
 
 @pytest.mark.parametrize("diagonal", DIAGONALS)
 @pytest.mark.parametrize("distance", [-0.012, 0.0, 0.004])
-def test_centre_shift_estimates_the_com_error(a1, diagonal, distance):
+def test_a_support_plane_estimates_the_com_error(a1, diagonal, distance):
     stance = nominal_stance(a1)
     left, right = (stance.feet_in_base[foot] for foot in sides(diagonal))
     normal = np.cross(left - right, [0, 0, 1])
@@ -386,10 +386,12 @@ def test_centre_shift_estimates_the_com_error(a1, diagonal, distance):
     moved[1:4] += a1.mass * distance * normal
     lever = moved[1:4] / base.mass
     truth = a1.with_base(pin.Inertia(base.mass, lever, base.inertia))
-    found = centre_shift(a1, pendulum(truth, np.array(stance.joint_position), diagonal, np.array([0.0, 0, 1])))
+    lift = pendulum(truth, np.array(stance.joint_position), diagonal, np.array([0.0, 0, 1]))
+    com = composite_parameters(a1, stance.joint_position).com
+    (found,) = support_planes(a1, com, [lift])
     assert found.normal == pytest.approx(normal, abs=1e-3)
     assert found.normal[0] > 0
-    assert found.distance == pytest.approx(distance, abs=0.05 * abs(distance) + 1e-4)
+    assert -found.distance_to(com) == pytest.approx(distance, abs=0.05 * abs(distance) + 1e-4)
 
 
 def test_results_kept_from_the_last_derivatives_belong_to_their_values(a1):

@@ -11,8 +11,9 @@ from equipoise.bayesian.lift_design import LiftDesign
 from equipoise.bayesian.safe_lift import covariance_after_lift
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.errors import ReachError
-from equipoise.estimator.measurements.support_planes import CentreShift, centre_shift
+from equipoise.estimator.measurements.support_planes import support_planes
 from equipoise.estimator.motions import read_motions
+from equipoise.experiments.tilt import SupportPlane
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters
@@ -46,28 +47,32 @@ def find_com_fast(trials: BayesianTrials, report: Callable[[str], None], calibra
                 if attempt == 0:
                     raise
                 break  # the previous step has to suffice
-            shift = _newton_step(trials, recording)
-            if shift is None or abs(shift.distance) > _FARTHEST * size:
+            plane = _measured_plane(trials, recording)
+            if plane is None or (step := abs(plane.distance_to(trials.com))) > _FARTHEST * size:
                 _bisect(trials, diagonal)
                 break
-            _follow(trials, model, recording, shift)
-            if (calibrated or attempt > 0) and abs(shift.distance) < (_NEAR if calibrated else _SETTLED) * size:
+            _follow(trials, model, recording, plane)
+            if (calibrated or attempt > 0) and step < (_NEAR if calibrated else _SETTLED) * size:
                 break
 
 
-def _newton_step(trials: BayesianTrials, recording: Recording) -> CentreShift | None:
+def _measured_plane(trials: BayesianTrials, recording: Recording) -> SupportPlane | None:
     robot, stance = trials.standing.robot, trials.stance
     lift = read_motions(robot, stance, [recording])[0].lift
-    return None if lift is None else centre_shift(robot, lift)
+    return None if lift is None else support_planes(robot, trials.com, [lift])[0]
 
 
-def _follow(trials: BayesianTrials, model: RobotModel, recording: Recording, shift: CentreShift) -> None:
-    """Move the assumed CoM by the measured shift, and set the mass to that carried by the joint torques."""
-    horizontal = shift.normal * [1, 1, 0]
-    # A lift measures the CoM across the line only: the shift is along the line's horizontal normal.
-    trials.com = trials.com + shift.distance * horizontal / float(horizontal @ horizontal)
-    trials.com_covariance = covariance_after_lift(trials.stance, trials.com_covariance, horizontal)
+def _follow(trials: BayesianTrials, model: RobotModel, recording: Recording, plane: SupportPlane) -> None:
+    """Move the assumed CoM onto the measured plane, and set the mass to that carried by the joint torques."""
+    _move_onto(trials, plane)
+    trials.com_covariance = covariance_after_lift(trials.stance, trials.com_covariance, plane.normal * [1, 1, 0])
     trials.standing.robot = loaded_robot(model, trials, _carried(model, recording))
+
+
+def _move_onto(trials: BayesianTrials, plane: SupportPlane) -> None:
+    """Move the assumed CoM onto a plane along its horizontal normal: a lift measures the CoM across the line only."""
+    horizontal = plane.normal * [1, 1, 0]
+    trials.com = trials.com - plane.distance_to(trials.com) * horizontal / float(horizontal @ horizontal)
 
 
 def _carried(model: RobotModel, recording: Recording) -> float:
@@ -100,7 +105,4 @@ def _bisect(trials: BayesianTrials, diagonal: str) -> None:
     runner = TrialRunner(trials.standing, trials.stance, settings)
     lower, upper = settings.bounds(trials.stance)
     vector = find_support_vector(runner, diagonal, upper, lower)
-    plane = vector.lifts[-1].plane
-    distance = plane.distance_to(trials.com)
-    horizontal = plane.normal * [1, 1, 0]
-    trials.com = trials.com - distance * horizontal / float(horizontal @ horizontal)
+    _move_onto(trials, vector.lifts[-1].plane)

@@ -8,13 +8,12 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.estimator.equations.equation import MotionSamples
-from equipoise.estimator.measurements.support_planes import centre_shift
+from equipoise.estimator.measurements.support_planes import support_planes
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.prior_runs.changes import estimate_with_prior_run
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
-from equipoise.experiments.tilt import SupportPlane
 from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.recording.recording import Recording
 from equipoise.result.statistics import NORMAL_95
@@ -31,12 +30,9 @@ def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[Mot
         com: (3,) CoM of that model at the nominal stance, in the base frame [m].
         motions: samples of the trials.
     """
-    lifts = [(motion.index, motion.lift) for motion in motions if motion.lift]
-    shifts = [(index, lift.pair, centre_shift(robot, lift)) for index, lift in lifts]
-    return [
-        LiftPlane(index, diagonal, SupportPlane(com + shift.distance * shift.normal, shift.normal))
-        for index, diagonal, shift in shifts
-    ]
+    lifts = {motion.index: motion.lift for motion in motions if motion.lift}
+    planes = support_planes(robot, com, list(lifts.values()))
+    return [LiftPlane(index, lift.pair, plane) for (index, lift), plane in zip(lifts.items(), planes, strict=True)]
 
 
 class BayesianReading:

@@ -446,10 +446,10 @@ def _support_planes(posterior: Posterior) -> Check:
     """Compare the CoM with the intersection of the lifts' support planes."""
     robot, stance = posterior.unknowns.robot, posterior.unknowns.stance
     lifts = [motion.lift for motion in posterior.motions if motion.lift is not None]
-    reading = com_by_planes(robot, composite_parameters(robot, stance.joint_position).com, lifts)
-    if reading is None:
+    com = com_by_planes(robot, composite_parameters(robot, stance.joint_position).com, lifts)
+    if com is None:
         return Check("support planes", True, "not tested: the run has too few lifts to intersect their support planes")
-    off = reading.com - posterior.robot_body.com
+    off = com - posterior.robot_body.com
     x, y, z = 1000 * off
     planar, height = (stance.scale.length * limit for limit in _PLANES_AGREE)
     passed = np.hypot(*off[:2]) < planar and abs(off[2]) < height
