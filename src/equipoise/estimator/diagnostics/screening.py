@@ -9,7 +9,7 @@ disagree, the usual mistakes are undone one by one, and the error names the one 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -26,6 +26,7 @@ from equipoise.recording.recording import Recording
 from equipoise.recording.runs import true_runs
 from equipoise.result.findings import Check
 from equipoise.robot.floor import floor_normals_by_fit
+from equipoise.robot.kinematics import foot_jacobians
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.statics import PLAUSIBLE_LOAD
 
@@ -37,7 +38,6 @@ _VELOCITY_MOVE = 1e-3  # [rad] rms per block below which a joint did not move en
 _VELOCITY_ERROR = 0.5  # of the motion, rms: at most 0.09 in fault-free runs, 1.4 where ODE pushes feet out of the floor
 _VELOCITY_STILL = 5e-3  # [rad] rms per block that counts as motion at least: encoders of 10 bits at rest
 _VELOCITY_RATIO = (0.6, 1.6)  # of reported velocity over the encoder's; delays and filters remove a tenth
-_STEP = 1e-6  # [rad] of a numerical derivative
 # Larger angles are not sensor noise: errors of floors, joint offsets and IMUs add up to 5 to 10 mrad.
 _DISAGREEMENT = 0.06  # [rad], rms
 _SUSPICIOUS = 0.025  # [rad], if undoing a usual mistake removes it: that does not remove noise
@@ -57,15 +57,7 @@ GYROSCOPE_MISTAKES: tuple[tuple[str, FloatArray], ...] = (
 """Usual mistakes as questions, and the (3,) factors that undo them."""
 
 
-def _right_angle_turns() -> Iterator[FloatArray]:
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1, -1), repeat=3):
-            matrix = np.eye(3)[list(order)] * np.array(signs)
-            if np.linalg.det(matrix) > 0 and np.trace(matrix) < 3:
-                yield matrix
-
-
-RIGHT_ANGLE_TURNS = tuple(_right_angle_turns())
+RIGHT_ANGLE_TURNS = tuple(turn for turn in Rotation.create_group("O").as_matrix().round() if np.trace(turn) < 3)
 """All 23 (3, 3) rotations by right angles except the identity: possible mountings of an IMU."""
 
 
@@ -257,17 +249,10 @@ def _check_gyroscope(recordings: Sequence[Recording]) -> None:
 
 def _check_torques(robot: RobotModel, position: FloatArray, torque: FloatArray, acceleration: FloatArray) -> None:
     """Raise if the joint torques do not carry the weight; internal forces between the legs do not contribute to it."""
-    legs = LegChains(robot)
     up = acceleration @ np.array(robot.imu_in_base.rotation).T
-    weight = np.zeros(len(position))
-    columns = [
-        [(legs.feet(position + _STEP * np.eye(position.shape[1])[joint])[:, leg] - foot) / _STEP for joint in joints]
-        for leg, (joints, foot) in enumerate(zip(legs.joints, np.moveaxis(legs.feet(position), 1, 0), strict=True))
-    ]
-    for joints, column in zip(legs.joints, columns, strict=True):
-        jacobian = np.stack(column, axis=-1)
-        velocity = -np.einsum("nji,ni->nj", np.linalg.pinv(jacobian), up)  # of joints that raise the base
-        weight += np.einsum("nj,nj->n", torque[:, joints], velocity)
+    inverse = np.linalg.pinv([foot_jacobians(robot, row) for row in position])
+    velocity = -np.einsum("nlji,ni->nlj", inverse, up)  # of joints that raise the base
+    weight = np.einsum("nlj,nlj->n", torque[:, robot.leg_joints], velocity)
     mass = float(np.median(weight / np.einsum("ni,ni->n", up, up)))
     if not PLAUSIBLE_LOAD[0] * robot.mass < mass < PLAUSIBLE_LOAD[1] * robot.mass:
         hint = (
