@@ -248,29 +248,10 @@ def log_cholesky(body: InertialParameters) -> FloatArray:
 
     Every vector is a physically consistent body: its pseudo-inertia is U U^T with an upper triangular U.
     """
-    about_origin = body.vector
-    xx, xy, yy, xz, yz, zz = about_origin[4:]
-    rotational = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    pseudo = np.empty((4, 4))
-    pseudo[:3, :3] = np.trace(rotational) / 2 * np.eye(3) - rotational
-    pseudo[:3, 3] = pseudo[3, :3] = about_origin[1:4]
-    pseudo[3, 3] = body.mass
+    pseudo = np.array(pin.PseudoInertia.FromDynamicParameters(body.vector).toMatrix())
     upper = np.linalg.cholesky(pseudo[::-1, ::-1])[::-1, ::-1] / np.sqrt(body.mass)
-    d1, d2, d3 = np.log(np.diag(upper)[:3])
-    return np.array(
-        [
-            np.log(body.mass) / 2,
-            d1,
-            d2,
-            d3,
-            upper[0, 1],
-            upper[1, 2],
-            upper[0, 2],
-            upper[0, 3],
-            upper[1, 3],
-            upper[2, 3],
-        ]
-    )
+    above_diagonal = upper[[0, 1, 0, 0, 1, 2], [1, 2, 2, 3, 3, 3]]
+    return np.concatenate([[np.log(body.mass) / 2], np.log(np.diag(upper)[:3]), above_diagonal])
 
 
 def base_vector(parameters: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ where b is the gyroscope's bias minus that of the whole run.
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
@@ -24,7 +25,6 @@ _GAINS = np.eye(3)[:, :, None] * np.eye(3)
 _MISALIGNMENT = np.zeros((3, 3, 6))
 for _number, _place in enumerate(((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))):
     _MISALIGNMENT[(*_place, _number)] = 1.0
-_TERMS = 20  # of the series below: exact to rounding for rotations up to two radians
 
 
 def mounting(rotation_imu_to_base: FloatArray, imu_tilt: FloatArray) -> FloatArray:
@@ -88,10 +88,5 @@ def mean_rotation(rotation: Rotation) -> FloatArray:
 
 
 def left_jacobian(vector: FloatArray) -> FloatArray:
-    """Return the (3, 3) left Jacobian of a rotation vector: sum of K^m / (m + 1)! (Sola 2018, equation 145)."""
-    across = cross_matrix(vector)
-    term = total = np.eye(3)
-    for order in range(2, _TERMS):
-        term = term @ across / order
-        total = total + term
-    return total
+    """Return the (3, 3) left Jacobian of a rotation vector (Sola 2018, equation 145)."""
+    return np.array(pin.Jexp3(vector)).T
