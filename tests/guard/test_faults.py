@@ -16,7 +16,7 @@ from equipoise import BayesianMethod, ExcitationSettings, calibrate, estimate, l
 from equipoise.calibration.routine import perform
 from equipoise.errors import MissingDependencyError, MotionError, RecordingError
 from equipoise.estimator.diagnostics import screening
-from equipoise.estimator.diagnostics.checks import shift_without
+from equipoise.estimator.diagnostics.checks import shifts_without
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
@@ -489,7 +489,7 @@ def test_leaving_a_motion_out_shifts_the_estimate_as_estimating_without_it(a1, r
     stance = nominal_stance(a1)
     evidence = read_motions(a1, stance, run.recordings)
     for motion in [index for index, m in enumerate(evidence) if m.lift is not None][3:6]:
-        shift, _ = shift_without(posterior, [motion])
+        ((shift,), _) = shifts_without(posterior, [[motion]])
         others = [m for m in evidence if m.index != motion]
         again = estimate_posterior(a1, stance, others)
         moved = components(again.robot_body) - components(posterior.robot_body)
@@ -498,15 +498,15 @@ def test_leaving_a_motion_out_shifts_the_estimate_as_estimating_without_it(a1, r
 
 
 def test_leaving_nothing_out_shifts_nothing(posterior):
-    shift, stds = shift_without(posterior, [])
+    shift, stds = shifts_without(posterior, [[]])
     assert not shift.any()
     assert not stds.any()
 
 
 def test_what_holds_no_evidence_shifts_nothing(posterior):
-    assert not shift_without(posterior, [10_000])[0].any()
+    assert not shifts_without(posterior, [[10_000]])[0].any()
 
 
 def test_by_chance_shifts_are_as_large_as_their_deviations_say(posterior):
-    stds = np.array([shift_without(posterior, [motion])[1] for motion in posterior.information])
+    _, stds = shifts_without(posterior, [[motion] for motion in posterior.information])
     assert 0.2 < np.sqrt(np.mean(stds**2)) < 1.5

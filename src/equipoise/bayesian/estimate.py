@@ -17,7 +17,7 @@ from equipoise.errors import RecordingError
 from equipoise.estimator.diagnostics.budget import uncertainty_budget
 from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, half_difference, run_checks
 from equipoise.estimator.diagnostics.held_out import held_out, predict_held_out
-from equipoise.estimator.diagnostics.imu_position_check import ImuPositionCheck
+from equipoise.estimator.diagnostics.imu_position_check import contradicts_imu_position
 from equipoise.estimator.diagnostics.link_findings import link_findings
 from equipoise.estimator.diagnostics.prior_conflict import (
     assumed_imu_position,
@@ -139,8 +139,7 @@ def _posterior(
         if settings.leg_prior == "narrow":
             return resolve_prior_conflicts(with_excitation, settings.combined_priors), ()
         posterior = resolve_prior_conflicts(estimate, settings.combined_priors)
-        by_excitation = ImuPositionCheck.of(posterior)
-        if by_excitation is not None and by_excitation.contradicts:
+        if contradicts_imu_position(posterior):
             posterior = resolve_prior_conflicts(with_excitation, settings.combined_priors)
         return posterior, ()
     return estimate_with_prior_run(

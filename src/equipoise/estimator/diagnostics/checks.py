@@ -8,7 +8,7 @@ from statistics import NormalDist
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.diagnostics.imu_position_check import ImuPositionCheck
+from equipoise.estimator.diagnostics.imu_position_check import imu_position_difference
 from equipoise.estimator.diagnostics.score import ScoreTest, score_tests
 from equipoise.estimator.equations.equation import MotionResidual, MotionSamples
 from equipoise.estimator.equations.stance_motion import StanceMotions
@@ -87,18 +87,12 @@ def run_checks(
     ]
 
 
-def shift_without(posterior: Posterior, motions: Collection[int]) -> tuple[FloatArray, FloatArray]:
-    """Return the change of the whole robot's parameters if motions are left out, to first order.
+def shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> tuple[FloatArray, FloatArray]:
+    """Return the changes of the whole robot's parameters without each of n groups of motions, to first order.
 
     Returns:
-        (10,) shifts in the order of COMPONENTS, and (10,) the same over their standard deviations.
+        (n, 10) shifts in the order of COMPONENTS, and (n, 10) the same over their standard deviations.
     """
-    shifts, stds = _shifts_without(posterior, [motions])
-    return shifts[0], stds[0]
-
-
-def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> tuple[FloatArray, FloatArray]:
-    """Return the (n, 10) `shift_without` each of n groups of motions."""
     to_body = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
     floor = _SMALL_SHIFT**2 * np.diag(posterior.robot_covariance)
     shifts: list[FloatArray] = []
@@ -201,7 +195,7 @@ def _residual_summary(motions: Sequence[MotionSamples], residuals: tuple[MotionR
 
 def _leave_one_out(posterior: Posterior) -> Check:
     motions = sorted(posterior.information)
-    _, stds = _shifts_without(posterior, [[motion] for motion in motions])
+    _, stds = shifts_without(posterior, [[motion] for motion in motions])
     row, component = np.unravel_index(int(np.argmax(np.abs(stds))), stds.shape)
     largest, motion = float(abs(stds[row, component])), motions[int(row)]
     trial = posterior.motions[motion].trial
@@ -273,26 +267,25 @@ def _model_file(posterior: Posterior) -> Check:
 
 def _imu_position(posterior: Posterior) -> Check:
     """Test the estimated position of the IMU against an excitation, which does not depend on inertia."""
-    name, by_excitation = "IMU position", ImuPositionCheck.of(posterior)
-    if by_excitation is None:
+    name, compared = "IMU position", imu_position_difference(posterior)
+    if compared is None:
         return Check(name, True, "not tested: the run has no excitation about all axes")
-    passed = by_excitation.largest < _IMU_DIFFERS
-    determined = by_excitation.std < _UNDETERMINED * posterior.unknowns.stance.scale.length
+    apart, std = compared
+    largest = float(np.abs(apart / std).max())
+    passed, determined = largest < _IMU_DIFFERS, std < _UNDETERMINED * posterior.unknowns.stance.scale.length
 
     def shown(vector: FloatArray) -> str:
         sizes = zip("xyz", 1000 * vector, determined, strict=True)
         axes = [f"{axis} {size:+.1f}" for axis, size, valid in sizes if valid]
         return f"{', '.join(axes)} mm" if axes else "undetermined"
 
-    difference = (
-        f"{shown(by_excitation.difference)} (base axes), at most {by_excitation.largest:.1f} standard deviations "
-        f"(limit {_IMU_DIFFERS:g})"
-    )
+    difference = f"{shown(apart)} (base axes), at most {largest:.1f} standard deviations (limit {_IMU_DIFFERS:g})"
     if passed:
         return Check(name, True, f"the excitation confirms the estimated position of the IMU; difference: {difference}")
+    position = apart + posterior.unknowns.value(posterior.x, "imu_position")
     message = (
         f"the excitation contradicts the estimated position of the IMU; difference: {difference}. The excitation places it "
-        f"{shown(by_excitation.position)} from the model's position; wrong leg lengths look the same. Inertia depends on it: "
+        f"{shown(position)} from the model's position; wrong leg lengths look the same. Inertia depends on it: "
         "measure the position, and correct it in the model file or as imu_position in a robot configuration"
     )
     return Check(name, False, message)

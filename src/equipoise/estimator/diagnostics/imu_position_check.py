@@ -7,8 +7,6 @@ centimetre off. It is always included with narrow leg priors, because wrong leg 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from equipoise.conventions import FloatArray
@@ -19,38 +17,20 @@ from equipoise.estimator.problem import Posterior
 _DIFFERS = 1.5
 
 
-@dataclass(frozen=True, eq=False)
-class ImuPositionCheck:
-    """Position of the IMU from the excitation.
+def imu_position_difference(posterior: Posterior) -> tuple[FloatArray, FloatArray] | None:
+    """Return the (3,) position from a run's first excitation less the estimated one, and its std [m]; None without one."""
+    if posterior.imu_by_excitation is None:
+        return None
+    position, std = posterior.imu_by_excitation
+    if posterior.unknowns.estimates("imu_position"):
+        std = np.hypot(std, posterior.std("imu_position"))
+    return position - posterior.unknowns.value(posterior.x, "imu_position"), std
 
-    Attributes:
-        position: (3,) position in the base frame, less the model's [m].
-        difference: (3,) position in the base frame, less the estimated one [m].
-        std: (3,) standard deviation of the difference [m].
-        fixed: True if the estimate fixes the position at the model's.
-    """
 
-    position: FloatArray
-    difference: FloatArray
-    std: FloatArray
-    fixed: bool
-
-    @classmethod
-    def of(cls, posterior: Posterior) -> ImuPositionCheck | None:
-        """Evaluate a run's first excitation; return None if there is none."""
-        if posterior.imu_by_excitation is None:
-            return None
-        (position, std), unknowns = posterior.imu_by_excitation, posterior.unknowns
-        fixed = not unknowns.estimates("imu_position")
-        both = std if fixed else np.hypot(std, posterior.std("imu_position"))
-        return cls(position, position - unknowns.value(posterior.x, "imu_position"), both, fixed)
-
-    @property
-    def largest(self) -> float:
-        """Largest difference of any axis, in standard deviations."""
-        return float(np.abs(self.difference / self.std).max())
-
-    @property
-    def contradicts(self) -> bool:
-        """True if the excitation contradicts an estimated position."""
-        return self.largest > _DIFFERS and not self.fixed
+def contradicts_imu_position(posterior: Posterior) -> bool:
+    """Return True if the excitation contradicts an estimated position."""
+    compared = imu_position_difference(posterior)
+    if compared is None or not posterior.unknowns.estimates("imu_position"):
+        return False
+    difference, std = compared
+    return float(np.abs(difference / std).max()) > _DIFFERS
