@@ -15,13 +15,14 @@ from equipoise.bayesian.plan import make_plan
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.cli import main
 from equipoise.errors import ReachError, SettingsError
-from equipoise.estimator.equations.stance_motion import StanceMotion, StanceMotionRows
+from equipoise.estimator.equations.stance_motion import StanceMotion, StanceMotions
 from equipoise.estimator.measurements.heading import angle_turned, facing
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.momenta import model_parameters
 from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.measurements.traced import Traced
 from equipoise.estimator.motions import read_motions
+from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.unknowns import Priors, model_values
 from equipoise.experiments.stand import stand_up
 from equipoise.platform.logged_platform import Logged
@@ -132,7 +133,7 @@ def test_world_effects_change_sign_in_the_equations(a1, ideal_motions):
         return TiltInvariant(a1, legs, [lift]).evaluate(values, model_parameters(a1))[0]
 
     def rows(move, values):
-        return StanceMotionRows(legs, np.array(a1.imu_in_base.rotation), stance, [move]).residuals(values)
+        return StanceMotions(Unknowns(a1, stance, Priors()), [(0, move)]).residuals(values)
 
     assert np.allclose(y(replace(lift, heading=np.pi), there), y(lift, back), rtol=0, atol=1e-12)
     assert not np.allclose(y(lift, there), y(lift, back), rtol=0, atol=1e-6)
@@ -145,9 +146,7 @@ def test_new_footholds_have_heights_of_their_own(a1, ideal_motions):
     values["foothold_change"] = np.array([1e-3, 0.0, 0.0, 0.0])
 
     def heights(heading):
-        rows = StanceMotionRows(
-            LegChains(a1), np.array(a1.imu_in_base.rotation), stance, [replace(move, heading=heading)]
-        )
+        rows = StanceMotions(Unknowns(a1, stance, Priors()), [(0, replace(move, heading=heading))])
         return rows.residuals(values)[0, 3:] - rows.residuals(model_values(a1))[0, 3:]
 
     assert np.allclose(heights(0.0), 0)

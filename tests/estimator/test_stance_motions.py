@@ -8,9 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from equipoise import nominal_stance
 from equipoise.bayesian.predict import Predictor
-from equipoise.estimator.equations.stance_motion import RestReading, StanceMotionRows, read_move
+from equipoise.estimator.equations.stance_motion import RestReading, StanceMotions, read_move
 from equipoise.estimator.measurements.leg_motion import LegChains
-from equipoise.estimator.unknowns import model_values
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.unknowns import Priors, model_values
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.posture import BodyPosture
@@ -36,7 +37,7 @@ def moves(robot):
 
 
 def rows_of(robot, moves):
-    return StanceMotionRows(LegChains(robot), np.array(robot.imu_in_base.rotation), nominal_stance(robot), moves)
+    return StanceMotions(Unknowns(robot, nominal_stance(robot), Priors()), [*enumerate(moves)])
 
 
 def residuals(rows, values):

@@ -10,12 +10,13 @@ from equipoise.estimator import problem as problem_module
 from equipoise.estimator.diagnostics.checks import run_checks
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
 from equipoise.estimator.equations.equation import Equation
-from equipoise.estimator.equations.stance_motion import StanceMotion, StanceMotionRows
+from equipoise.estimator.equations.stance_motion import StanceMotion, StanceMotions
 from equipoise.estimator.equations.table import USUAL
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.momenta import model_parameters
 from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.motions import read_motions
+from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.prior_runs.two_runs import estimate_two_runs
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import AXIS, IMU, Priors, finding_names, model_values, unknown
@@ -122,14 +123,15 @@ def test_a_row_without_an_equation_is_not_reported(a1, bayesian_run, few):
 
 def test_equations_depend_on_the_rows_that_they_list(a1, bayesian_run, few):
     """They get no other value."""
-    legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), model_values(a1)
+    legs, values = LegChains(a1), model_values(a1)
     lifts = [motion.lift for motion in few if motion.lift is not None]
     moves = [move for motion in few for move in motion.of(StanceMotion)]
     moves[-1] = replace(moves[-1], heading=np.pi)
     _, _, by_y, _ = TiltInvariant(a1, legs, lifts).linearise(values, model_parameters(a1))
-    _, by_rows = StanceMotionRows(legs, rotation, bayesian_run.stance, moves).linearise(values)
-    for equation, by in ((TiltInvariant, by_y), (StanceMotionRows, by_rows)):
-        assert set(by) - {"inertial"} == set(equation.DEPENDS_ON)
+    standing = StanceMotions(Unknowns(a1, bayesian_run.stance, Priors()), [*enumerate(moves)])
+    _, by_rows = standing.derivatives(values)
+    for names, by in ((TiltInvariant.DEPENDS_ON, by_y), (StanceMotions.depends_on, by_rows)):
+        assert set(by) - {"inertial"} == set(names)
         assert all((np.abs(part) > 1e-9).any() for part in by.values())
 
 

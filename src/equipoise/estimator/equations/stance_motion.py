@@ -12,6 +12,7 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
@@ -39,7 +40,6 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import PostureTrial
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
 from equipoise.robot.statics import loads_on_feet
 
 _PER_MOVE = 20
@@ -132,24 +132,66 @@ def read_move(
     return StanceMotion(first, last, attitude.as_matrix()[-1], rolled[0], rolled[1:], duration)
 
 
-class StanceMotionRows:
-    """Residuals of stance motions and rests.
+def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
+    position = np.array([rest.joint_position for rest in rests])
+    none = np.zeros(position.shape[1])
+    return JointReadings.of(
+        legs, position, torque=np.array([none if rest.joint_torque is None else rest.joint_torque for rest in rests])
+    )
 
-    Attributes:
-        DEPENDS_ON: names of the parameters that the rows depend on.
-        footholds: (4, 3) positions of the feet relative to their mean at the nominal stance, in base axes [m].
+
+def _higher_by_width(legs: LegChains, rotation_imu_to_base: FloatArray, rests: Sequence[RestReading]) -> FloatArray:
+    """Return (2, 4, rests) heights of the feet's centres beyond those of spherical feet, divided by half-widths."""
+    up = np.array([rest.acceleration_in_imu for rest in rests]) @ rotation_imu_to_base.T
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    position = np.array([rest.joint_position for rest in rests])
+    return np.einsum("nklj,nj->kln", to_centre_by_width(legs, position, up), up)
+
+
+def _whitening(footholds: FloatArray, size: float) -> FloatArray:
+    """Return the (20, 20) matrix that whitens the rows of a motion over (4, 3) footholds relative to their mean [m].
+
+    Args:
+        size: scale of lengths, relative to an A1.
     """
+    turns = np.asarray([np.cross(axis, footholds).T.ravel() for axis in np.eye(3)], dtype=float)
+    moved = (size * _FOOT_NOISE) ** 2 * np.eye(12) + _TURN_NOISE**2 * turns.T @ turns
+    leaning = footholds[:, :2] @ footholds[:, :2].T
+    heights = whitening_of((size * _HEIGHT_NOISE) ** 2 * np.eye(4) + _UP_NOISE**2 * leaning)
+    return np.asarray(block_diag(whitening_of(moved), heights, heights), dtype=float)
 
-    DEPENDS_ON = (
+
+class StanceMotions(MotionEquation[StanceMotion]):
+    """Whitened rows of stance motions: feet do not slip, footholds keep their heights."""
+
+    depends_on = (
         *DRIVE_TRAIN, "imu_tilt", *ACCELEROMETER, *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "foot_width",
         "foot_compliance", "floor_slope", "floor_warp", "foothold_change",
     )  # fmt: skip
+    name = "moves"
+    kind = StanceMotion
+    source = "noise of stance motions"
+    remedy = f"{MORE_TIME}; a hard floor"
+    _noise_factor = 1.0  # determined by the residuals
 
-    def __init__(
-        self, legs: LegChains, rotation_imu_to_base: FloatArray, stance: Stance, moves: Sequence[StanceMotion]
-    ) -> None:
-        self.legs, self._rotation = legs, rotation_imu_to_base
-        self.footholds = stance.feet_in_base - stance.feet_in_base.mean(axis=0)
+    @classmethod
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[StanceMotion]:
+        """Return the stance motion to a posture."""
+        if not isinstance(recording.trial, PostureTrial) or not recording.complete:
+            return ()
+        parts = (
+            recording.phase(Phase.BEFORE),
+            recording.phase(Phase.MOVE, until=Phase.REST),
+            recording.phase(Phase.REST),
+        )
+        return (replace(read_move(run.robot, run.legs, *parts, run.gyro_bias), when=run.when, heading=run.heading),)
+
+    def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, StanceMotion]]) -> None:
+        super().__init__(unknowns, samples)
+        legs, moves, stance = unknowns.legs, self.samples, unknowns.stance
+        self._rotation = np.array(unknowns.robot.imu_in_base.rotation)
+        self._footholds = stance.feet_in_base - stance.feet_in_base.mean(axis=0)
+        self._whitening = _whitening(self._footholds, stance.scale.length)
         rests = [[move.before for move in moves], [move.after for move in moves]]
         self._joints = [_joints_at(legs, side) for side in rests]
         self._acceleration = [np.array([rest.acceleration_in_imu for rest in side]).T for side in rests]
@@ -165,8 +207,20 @@ class StanceMotionRows:
         self._drifts = np.moveaxis(np.array(drifts), 0, -1)
         self._rolled = np.array([move.rolled for move in moves]).T
         self._rolled_by_width = np.array([move.rolled_by_width for move in moves]).T
-        self._higher_by_width = [_higher_by_width(legs, rotation_imu_to_base, side) for side in rests]
+        self._higher_by_width = [_higher_by_width(legs, self._rotation, side) for side in rests]
         self._heading = np.array([move.heading for move in moves])
+
+    def _rows_in(self, sample: StanceMotion) -> int:
+        return _PER_MOVE
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        return self._whitened(self.residuals(self.unknowns.values(x)).reshape(-1, _PER_MOVE, 1)).ravel()
+
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        rows, by = self.derivatives(self.unknowns.values(x), self.open)
+        columns = self._by_unknowns(x, by).reshape(-1, _PER_MOVE, len(self.columns))
+        jacobian = self._whitened(columns).reshape(-1, len(self.columns))
+        return self._whitened(rows.reshape(-1, _PER_MOVE, 1)).ravel(), jacobian
 
     def residuals(self, values: Values) -> FloatArray:
         """Return (moves, 5, 4) residuals of every foot [m].
@@ -175,39 +229,38 @@ class StanceMotionRows:
         motion. The others are the height of its centre above the feet's mean minus that of its foothold, before and after
         the motion.
         """
-        return np.moveaxis(self._rows(inputs_of(values, self.DEPENDS_ON, self._moves), 1).value, -1, 0)
+        return np.moveaxis(self._rows(inputs_of(values, self.depends_on, len(self.samples)), 1).value, -1, 0)
 
-    def linearise(self, values: Values, names: Sequence[str] = DEPENDS_ON) -> tuple[FloatArray, dict[str, FloatArray]]:
+    def derivatives(
+        self, values: Values, names: Sequence[str] = depends_on
+    ) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Return `residuals` and their (moves, 5, 4, size) derivatives by the named parameters."""
         # One copy of the motions for each row: a single backward pass then gives the derivatives of all rows.
-        inputs = inputs_of(values, self.DEPENDS_ON, _PER_MOVE * self._moves, names)
+        moves = len(self.samples)
+        inputs = inputs_of(values, self.depends_on, _PER_MOVE * moves, names)
         rows = self._rows(inputs, _PER_MOVE)
-        seed = np.repeat(np.eye(_PER_MOVE), self._moves, axis=1).reshape(rows.value.shape)
+        seed = np.repeat(np.eye(_PER_MOVE), moves, axis=1).reshape(rows.value.shape)
         gradients = rows.gradients(seed, [inputs[name] for name in names])
-        shape = (-1, *rows.value.shape[:2], self._moves)
+        shape = (-1, *rows.value.shape[:2], moves)
         by = {
             name: np.moveaxis(gradient.reshape(shape), (0, -1), (-1, 0))
             for name, gradient in zip(names, gradients, strict=True)
         }
-        return np.moveaxis(rows.value[..., : self._moves], -1, 0), by
-
-    @property
-    def _moves(self) -> int:
-        return self._rolled.shape[-1]
+        return np.moveaxis(rows.value[..., :moves], -1, 0), by
 
     def _rows(self, values: TracedValues, copies: int) -> Traced:
         """Return (5, 4, n) rows of the motions, copy after copy."""
         to_before, rolled = np.tile(self._to_before, copies), np.tile(self._rolled, copies)
-        heading = np.tile(self._heading, copies)
+        heading, legs = np.tile(self._heading, copies), self.unknowns.legs
         rotation = traced_mounting(self._rotation, values["imu_tilt"])
         slope = facing(values["floor_slope"], heading)
-        floor = contract("li,i...->l...", -self.footholds[:, :2], slope) + _WARP * values["floor_warp"]
+        floor = contract("li,i...->l...", -self._footholds[:, :2], slope) + _WARP * values["floor_warp"]
         floor = floor + contract("lm,m...->l...", _CENTRED, values["foothold_change"] * (heading != 0.0))
         feet: list[Traced] = []
         heights: list[Traced] = []
         for rest in (0, 1):
-            joints = self._joints[rest].at(np.tile(np.arange(self._moves), copies))
-            foot = self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot
+            joints = self._joints[rest].at(np.tile(np.arange(len(self.samples)), copies))
+            foot = legs.traced_posture(joints.link_position(values), LegShape.of(legs, values)).foot
             measured = specific_force(values, np.tile(self._acceleration[rest], copies), np.tile(self._when, copies))
             gravity = turned(rotation, measured)
             up = gravity / length(gravity)
@@ -230,71 +283,6 @@ class StanceMotionRows:
         )
         moved = contract("lm,im...->il...", _CENTRED, moved)
         return stacked([*(moved[axis] for axis in range(3)), *heights], axis=0)
-
-
-def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
-    position = np.array([rest.joint_position for rest in rests])
-    none = np.zeros(position.shape[1])
-    return JointReadings.of(
-        legs, position, torque=np.array([none if rest.joint_torque is None else rest.joint_torque for rest in rests])
-    )
-
-
-def _higher_by_width(legs: LegChains, rotation_imu_to_base: FloatArray, rests: Sequence[RestReading]) -> FloatArray:
-    """Return (2, 4, rests) heights of the feet's centres beyond those of spherical feet, divided by half-widths."""
-    up = np.array([rest.acceleration_in_imu for rest in rests]) @ rotation_imu_to_base.T
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    position = np.array([rest.joint_position for rest in rests])
-    return np.einsum("nklj,nj->kln", to_centre_by_width(legs, position, up), up)
-
-
-class StanceMotions(MotionEquation[StanceMotion]):
-    """Whitened rows of stance motions: feet do not slip, footholds keep their heights."""
-
-    depends_on = StanceMotionRows.DEPENDS_ON
-    name = "moves"
-    kind = StanceMotion
-    source = "noise of stance motions"
-    remedy = f"{MORE_TIME}; a hard floor"
-    _noise_factor = 1.0  # determined by the residuals
-
-    @classmethod
-    def read(cls, run: RunContext, recording: Recording) -> Sequence[StanceMotion]:
-        """Return the stance motion to a posture."""
-        if not isinstance(recording.trial, PostureTrial) or not recording.complete:
-            return ()
-        parts = (
-            recording.phase(Phase.BEFORE),
-            recording.phase(Phase.MOVE, until=Phase.REST),
-            recording.phase(Phase.REST),
-        )
-        return (replace(read_move(run.robot, run.legs, *parts, run.gyro_bias), when=run.when, heading=run.heading),)
-
-    def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, StanceMotion]]) -> None:
-        super().__init__(unknowns, samples)
-        rotation = np.array(unknowns.robot.imu_in_base.rotation)
-        self.rows = StanceMotionRows(unknowns.legs, rotation, unknowns.stance, self.samples)
-        feet, size = self.rows.footholds, unknowns.stance.scale.length
-        turns = np.asarray([np.cross(axis, feet).T.ravel() for axis in np.eye(3)], dtype=float)
-        moved = (size * _FOOT_NOISE) ** 2 * np.eye(12) + _TURN_NOISE**2 * turns.T @ turns
-        leaning = feet[:, :2] @ feet[:, :2].T
-        heights = (size * _HEIGHT_NOISE) ** 2 * np.eye(4) + _UP_NOISE**2 * leaning
-        whitening = np.zeros((_PER_MOVE, _PER_MOVE))
-        whitening[:12, :12] = whitening_of(moved)
-        whitening[12:16, 12:16] = whitening[16:, 16:] = whitening_of(heights)
-        self._whitening = whitening
-
-    def _rows_in(self, sample: StanceMotion) -> int:
-        return _PER_MOVE
-
-    def residual(self, x: FloatArray) -> FloatArray:
-        return self._whitened(self.rows.residuals(self.unknowns.values(x)).reshape(-1, _PER_MOVE, 1)).ravel()
-
-    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        rows, by = self.rows.linearise(self.unknowns.values(x), self.open)
-        columns = self._by_unknowns(x, by).reshape(-1, _PER_MOVE, len(self.columns))
-        jacobian = self._whitened(columns).reshape(-1, len(self.columns))
-        return self._whitened(rows.reshape(-1, _PER_MOVE, 1)).ravel(), jacobian
 
     def at_residual_noise(self, x: FloatArray, covariance: FloatArray | None = None) -> StanceMotions:
         if covariance is None:
