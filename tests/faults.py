@@ -13,7 +13,7 @@ from equipoise.platform.platform import Health, JointCommand, Platform, RobotSta
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
-from equipoise.simulation.disturbance import Disturbance
+from equipoise.simulation.mujoco import MujocoPlatform
 
 KINDS = (
     "drop", "delay", "repeat", "reorder", "freeze encoder", "freeze imu", "nan", "spike", "kill link", "stick joint",
@@ -187,9 +187,9 @@ class Faulty(PlatformWrapper):
         return replace(state, joint_torque=torque)
 
 
-def grease(disturbance: Disturbance, leg: str, friction: float) -> None:
+def grease(platform: MujocoPlatform, leg: str, friction: float) -> None:
     """Give one foot of a simulated robot another coefficient of friction."""
-    model = disturbance._model
+    model = platform._model
     foot = model.geom(f"equipoise_{leg}_foot").id
     model.geom_friction[foot, 0] = friction
     model.geom_priority[foot] = 1  # its friction counts, not the larger one of foot and floor

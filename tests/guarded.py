@@ -51,11 +51,10 @@ def look(checks, command, state, sent=None, standing=None):
 
 
 def simulated(robot, start="standing", preset="realistic", seed=3, payload=None):
-    """A simulated robot with longer steps, which take half the computing; what can happen to it from outside; its truth."""
+    """A simulated robot with longer steps, which take half the computing; its truth."""
     simulation = simulate(robot, preset, payload, seed, timestep=SLOW / 4)
-    model, disturbance = simulation.platform._simulated, simulation.disturbance
-    platform = MujocoPlatform(robot, model, nominal_stance(robot), start, SLOW, disturbance=disturbance)
-    return platform, disturbance, simulation.truth
+    platform = MujocoPlatform(robot, simulation.platform._simulated, nominal_stance(robot), start, SLOW)
+    return platform, simulation.truth
 
 
 class Seen:

@@ -44,7 +44,7 @@ LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 ENGINES = {
     "mujoco": {
         "simulation/mujoco.py", "simulation/mujoco_model.py", "simulation/mujoco_truth.py", "simulation/simulation.py",
-        "simulation/disturbance.py", "simulation/mujoco_contacts.py", "simulation/mujoco_drive.py",
+        "simulation/mujoco_contacts.py", "simulation/mujoco_drive.py",
         "simulation/mujoco_legs.py", "simulation/mujoco_loads.py", "lab/replay/in_mujoco.py",
     },
     "dartpy": {

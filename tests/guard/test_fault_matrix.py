@@ -113,13 +113,13 @@ class Seen(PlatformWrapper):
         super().close()
 
 
-def act_of(case, disturbance):
+def act_of(case, platform):
     """The disturbance of the robot, if any."""
     if case.kind != "outside":
         return None
     if case.push:
-        return lambda begins: disturbance.push(np.array([0.0, case.push, 0.0]) * begins)
-    return lambda begins: grease(disturbance, "FL", 0.05 if begins else 0.8)
+        return lambda begins: platform.push(np.array([0.0, case.push, 0.0]) * begins)
+    return lambda begins: grease(platform, "FL", 0.05 if begins else 0.8)
 
 
 class OneSwing(BayesianMethod):
@@ -133,14 +133,14 @@ class OneSwing(BayesianMethod):
 
 def run(robot, cases, folder, duration=None, settings=SETTINGS):
     """A guarded calibration with faults: its result or error, the truth, what the robot saw, and the guard's report."""
-    platform, disturbance, truth = simulated(robot, payload="1,0.05,0.02,0.08")
+    platform, truth = simulated(robot, payload="1,0.05,0.02,0.08")
     gains, guard = robot.gains(nominal_stance(robot).hip_height), None
     with platform:
         faulty = recorder = Seen(platform)
         faults = []
         for case in cases:
             lasts, size = 0.3 if case.push else duration, SIZES.get(case.kind, 0.0)
-            fault = Fault(case.kind, case.phase, case.after, lasts, case.joint, size, act_of(case, disturbance))
+            fault = Fault(case.kind, case.phase, case.after, lasts, case.joint, size, act_of(case, platform))
             faulty = Faulty(faulty, fault, lambda: guard.phase if guard else "", gains)
             faults.append(faulty)
         with RunFolder.create(folder, robot, settings, {}) as kept:
@@ -429,7 +429,7 @@ def crossing(robot, start, control_period):
 @pytest.mark.parametrize("how", ["play", "step"])
 def test_self_collision_is_refused_before_links_touch(a1, how):
     """A program with an unchecked plan: no command of a motion is sent, and only the clear steps."""
-    platform, _, _ = simulated(a1, preset="ideal")
+    platform, _ = simulated(a1, preset="ideal")
     recorder = Seen(platform)
     with Guard(recorder, a1) as guard:
         hold(guard, recorder, 0.1)

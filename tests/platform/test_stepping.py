@@ -109,7 +109,7 @@ def test_a_calibration_goes_through_as_without_lost_samples(a1, tmp_path):
     """It ended by "joint times must be finite and increasing", and with it went the recording."""
     settings = PaperMethod(com_search=ComSearchSettings(tolerance=0.02), excitation=ExcitationSettings(duration=1.0))
     folder = RunFolder.create(tmp_path / "run", a1, settings, {})
-    platform, _, truth = simulated(a1)
+    platform, truth = simulated(a1)
     with folder, platform, Guard(Stuttering(platform), a1) as guard:
         result = calibrate(Logged(guard, folder.log), a1, settings, folder.keep)
     error = result.with_truth(truth).composite.com_in_base.errors

@@ -9,7 +9,6 @@ from mujoco import rollout
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.simulation.disturbance import Disturbance
 from equipoise.simulation.mujoco_contacts import floors_of_feet, foothold_heights
 from equipoise.simulation.mujoco_drive import ChangingFriction
 from equipoise.simulation.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
@@ -18,6 +17,7 @@ from equipoise.small_arrays import all_of, any_of
 
 _PRESSED = 1e-6  # [m]: largest penetration of the floor when a robot is placed
 _STATE, _WHOLE_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_INTEGRATION
+_CONTROL, _PUSHED = int(mujoco.mjtState.mjSTATE_CTRL), int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 
 
 class MujocoPlatform(SimulatedPlatform):
@@ -29,8 +29,10 @@ class MujocoPlatform(SimulatedPlatform):
         stance: nominal stance, in which (or lying under which) the robot starts.
         start: posture at the start, "standing" or "lying".
         control_period: time between commands [s]; a multiple of the engine's time step.
-        data: state of the engine, for observers that share it; default: a new one.
-        disturbance: forces that act on the robot from outside.
+
+    Attributes:
+        data: state of the engine, for observers.
+        wrench: (nbody, 6) external forces [N] and torques [Nm] on the engine's bodies, in world axes, applied from now on.
     """
 
     def __init__(
@@ -40,19 +42,18 @@ class MujocoPlatform(SimulatedPlatform):
         stance: Stance,
         start: Start = "standing",
         control_period: float = 2e-3,
-        data: mujoco.MjData | None = None,
-        disturbance: Disturbance | None = None,
     ) -> None:
         self._simulated = simulated
         self._model = simulated.model
         self._gains = np.full((2, len(robot.joint_names)), np.nan)  # last ones set in the engine
         super().__init__(robot, simulated.errors, simulated.kp, simulated.kd, self._model.opt.timestep, control_period)
-        self._data = mujoco.MjData(self._model) if data is None else data
+        self.data = mujoco.MjData(self._model)
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
         self._state_size = mujoco.mj_stateSize(self._model, _STATE)
         self._whole_state = np.empty(mujoco.mj_stateSize(self._model, _WHOLE_STATE))
         self._rollout = rollout.Rollout(nthread=0)
-        self._disturbance = disturbance or Disturbance(simulated)
+        self.wrench = np.zeros((self._model.nbody, 6))
+        self.push(np.zeros(3))
         self._friction = ChangingFriction(self._model, simulated.dof, simulated.qpos, simulated.errors)
         # Columns of a state, after its time: leg joints; their velocities and the base's angular velocity.
         self._positions = 1 + simulated.qpos
@@ -69,8 +70,12 @@ class MujocoPlatform(SimulatedPlatform):
         super().close()
         self._rollout.close()
 
+    def push(self, force_in_world: FloatArray) -> None:
+        """Apply a (3,) force [N] at the base's CoM, in addition to the cable's, until the next call."""
+        self.wrench[self._simulated.base_body, :3] = self._errors.cable_in_world + force_in_world
+
     def _place(self, joint_position: FloatArray, base_height: float) -> None:
-        data, model = self._data, self._model
+        data, model = self.data, self._model
         data.qpos[:] = model.qpos0
         data.qpos[:7] = [0, 0, base_height, 1, 0, 0, 0]
         data.qpos[self._simulated.qpos] = joint_position
@@ -81,7 +86,7 @@ class MujocoPlatform(SimulatedPlatform):
             mujoco.mj_forward(model, data)
 
     def _turn_by(self, angle: float) -> None:
-        data, turn = self._data, np.zeros(4)
+        data, turn = self.data, np.zeros(4)
         mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0, 1]), angle)
         mujoco.mju_mulQuat(data.qpos[3:7], turn, data.qpos[3:7].copy())
         mujoco.mju_rotVecQuat(data.qvel[:3], data.qvel[:3].copy(), turn)
@@ -89,11 +94,11 @@ class MujocoPlatform(SimulatedPlatform):
         self._model.geom_pos[self._floors, 2] = foothold_heights(self._simulated.errors, self._heading)
 
     def _set_clock_to_zero(self) -> None:
-        self._data.time = 0.0
+        self.data.time = 0.0
 
     def _base_up(self) -> float:
         up = np.zeros(3)
-        mujoco.mju_rotVecQuat(up, np.array([0.0, 0, 1]), self._data.qpos[3:7])
+        mujoco.mju_rotVecQuat(up, np.array([0.0, 0, 1]), self.data.qpos[3:7])
         return float(up[2])
 
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
@@ -103,7 +108,7 @@ class MujocoPlatform(SimulatedPlatform):
             self._simulated.set_gains(*self._gains)
 
     def _run(self, control: FloatArray, raw: FloatArray) -> None:
-        data, model, joints = self._data, self._model, self._model.nu
+        data, model, joints = self.data, self._model, self._model.nu
         path = np.empty((len(control) + 1, self._state_size))  # the state before each step, and after the last
         mujoco.mj_getState(model, data, path[0], _STATE)
         sensors = self._stepped(path, control) if self._friction.needed else self._rolled(path, control)
@@ -123,16 +128,19 @@ class MujocoPlatform(SimulatedPlatform):
     def _rolled(self, path: FloatArray, control: FloatArray) -> FloatArray:
         """Fill in the states after each step; return the engine's (n, ...) sensor values at its start."""
         steps = len(control)
-        sensors = np.empty((1, steps, self._model.nsensordata))
+        sensors, inputs = np.empty((1, steps, self._model.nsensordata)), _CONTROL
+        if any_of(self.wrench != 0):
+            inputs |= _PUSHED
+            control = np.concatenate([control, np.broadcast_to(self.wrench.ravel(), (steps, self.wrench.size))], axis=1)
         self._rollout.rollout(
             [self._model],
-            [self._data],
+            [self.data],
             path[:1],
-            np.ascontiguousarray(self._disturbance.with_wrench(control))[None],
-            control_spec=self._disturbance.spec,
+            np.ascontiguousarray(control)[None],
+            control_spec=inputs,
             skip_checks=True,  # the checks take a fifth of the time of a short rollout
             nstep=steps,
-            initial_warmstart=np.array(self._data.qacc_warmstart)[None],
+            initial_warmstart=np.array(self.data.qacc_warmstart)[None],
             state=path[None, 1:],
             sensordata=sensors,
         )
@@ -140,10 +148,10 @@ class MujocoPlatform(SimulatedPlatform):
 
     def _stepped(self, path: FloatArray, control: FloatArray) -> FloatArray:
         """Roll out step by step, for inputs that must be set before each step."""
-        data, model = self._data, self._model
+        data, model = self.data, self._model
         sensors = np.empty((len(control), model.nsensordata))
         warm = np.array(data.qacc_warmstart)
-        data.xfrc_applied[:] = self._disturbance.wrench
+        data.xfrc_applied[:] = self.wrench
         try:
             commanded, sensed = data.ctrl, data.sensordata
             for row, state, seen in zip(control, path[1:], sensors, strict=True):
@@ -159,13 +167,13 @@ class MujocoPlatform(SimulatedPlatform):
         return sensors
 
     def _raw_now(self) -> FloatArray:
-        data, model, simulated = self._data, self._model, self._simulated
+        data, model, simulated = self.data, self._model, self._simulated
         ahead, state = self._ahead, self._whole_state
         mujoco.mj_getState(model, data, state, _WHOLE_STATE)
         mujoco.mj_setState(model, ahead, state, _WHOLE_STATE)
         if len(self._late_control):
             ahead.ctrl[:] = self._late_control[0]
-        ahead.xfrc_applied[:] = self._disturbance.wrench
+        ahead.xfrc_applied[:] = self.wrench
         if self._friction.needed:
             self._friction.act(ahead)
         mujoco.mj_step(model, ahead)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.platform.engines import ENGINES
 from equipoise.robot.inertial import RobotInertia
@@ -18,9 +18,6 @@ from equipoise.simulation.effects import Contacts, EffectSizes, Noise, sizes_of
 from equipoise.simulation.ground_truth_view import GroundTruth
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulated import SimulatedPlatform, Start
-
-if TYPE_CHECKING:
-    from equipoise.simulation.disturbance import Disturbance
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +30,7 @@ class Simulation:
         engine_version: version of the engine.
         errors: effects that were drawn for it; for studies, not for experiments.
         ground_truth: function that returns the true state at the present moment; for evaluation only.
-        disturbance: external forces on the robot; None in engines that do not support them.
+        push: function that applies a (3,) external force [N] at the base's CoM; None in engines that do not support it.
         link_truth: true values of each leg link by name, as in `equipoise.result.findings.Link`; empty in engines
             that do not provide them.
     """
@@ -43,7 +40,7 @@ class Simulation:
     engine_version: str
     errors: DrawnErrors
     ground_truth: Callable[[], GroundTruth]
-    disturbance: Disturbance | None = None
+    push: Callable[[FloatArray], None] | None = None
     link_truth: dict[str, dict[str, float]] = field(default_factory=dict[str, "dict[str, float]"])
 
     @property
@@ -151,7 +148,6 @@ def build(
     try:
         import mujoco  # noqa: PLC0415 - only this engine needs it
 
-        from equipoise.simulation.disturbance import Disturbance  # noqa: PLC0415
         from equipoise.simulation.mujoco import MujocoPlatform  # noqa: PLC0415
         from equipoise.simulation.mujoco_model import TIMESTEP, build_simulated_robot  # noqa: PLC0415
         from equipoise.simulation.mujoco_truth import ground_truth_of, link_truth, simulated_truth  # noqa: PLC0415
@@ -160,10 +156,6 @@ def build(
     timestep = TIMESTEP if timestep is None else timestep
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep, contacts)
     truth = simulated_truth(robot, simulated, stance.joint_position)
-    data = mujoco.MjData(simulated.model)
-    disturbance = Disturbance(simulated)
-    platform = MujocoPlatform(robot, simulated, stance, start, data=data, disturbance=disturbance)
-    ground_truth = ground_truth_of(robot, simulated, data)
-    return Simulation(
-        platform, truth, mujoco.__version__, errors, ground_truth, disturbance, link_truth(robot, simulated)
-    )
+    platform = MujocoPlatform(robot, simulated, stance, start)
+    ground_truth, links = ground_truth_of(robot, simulated, platform.data), link_truth(robot, simulated)
+    return Simulation(platform, truth, mujoco.__version__, errors, ground_truth, platform.push, links)

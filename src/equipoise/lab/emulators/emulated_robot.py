@@ -128,8 +128,8 @@ class EmulatedRobot:
     def step(self) -> RobotState:
         """Simulate one control period and return the sample for the wire."""
         faults = self._lines.active
-        if self._simulation.disturbance is not None:
-            self._simulation.disturbance.push(np.array(faults.push))
+        if self._simulation.push is not None:
+            self._simulation.push(np.array(faults.push))
         self._state = self._platform.step(self._body.moved(self._active_command(), faults, self._state))
         sensed = self._body.sensed(self._state, faults)
         self._record_motion(sensed)
