@@ -13,11 +13,13 @@ from equipoise.experiments.stand import move_to, stand_up
 from equipoise.lab.balance.balance_model import LinearModel, linear_model
 from equipoise.lab.balance.controller import BalanceLaw
 from equipoise.lab.balance.observer import FootholdGeometry, SensorCorrections, StateEstimator
-from equipoise.lab.balance.run import BalanceRun, Ending, TrialSamples
+from equipoise.lab.balance.run import BalanceRun, Ending, StateEstimates
 from equipoise.lab.balance.two_foot_posture import Posture, posture_over_line
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState
 from equipoise.platform.ramp import smooth_step
+from equipoise.platform.stepping import recording_of
 from equipoise.recording.phases import Phase
+from equipoise.recording.recording import PHASE, Event, Recording
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics_best_effort
 from equipoise.robot.model import DIAGONALS, RobotModel
@@ -81,11 +83,11 @@ def balance(
         lift_off, ending, model = trial.lift_and_balance(estimator, geometry, postures)
     except KeyboardInterrupt:
         trial.put_feet_back()
-        raise MotionInterrupted(trial.samples.recording(platform.joint_names)) from None
+        raise MotionInterrupted(trial.recording()) from None
     except MotionError as error:
         with suppress(MotionError):  # the first error has the reason
             trial.put_feet_back()
-        error.recordings = error.recordings or (trial.samples.recording(platform.joint_names),)
+        error.recordings = error.recordings or (trial.recording(),)
         raise
     if ending == "balanced":
         trial.put_feet_back()
@@ -95,7 +97,7 @@ def balance(
     move_to(standing, feet_at_end)
     return BalanceRun(
         diagonal, duration, lift_off, ending,
-        trial.samples.recording(platform.joint_names), trial.samples.estimates(lift_off), model.unstable_pole,
+        trial.recording(), trial.estimates(lift_off), model.unstable_pole,
     )  # fmt: skip
 
 
@@ -127,7 +129,9 @@ class _Trial:
         self.platform, self.robot, self.design_model = platform, robot, design_model
         self.diagonal, self.duration = diagonal, duration
         self.home, self.home_torque = home, home_torque
-        self.samples = TrialSamples()
+        self._samples: list[tuple[RobotState, FloatArray]] = []  # and the joint targets that follow from them
+        self._events: list[Event] = []
+        self._estimates: list[tuple[float, ...]] = []  # as in `StateEstimates`, with the platform's time
         self._watch = watch
         hip_height = self._hip_height = nominal_stance(robot).hip_height
         self.swing_height = _SWING_HEIGHT * hip_height
@@ -191,7 +195,8 @@ class _Trial:
                 active=time >= _ENGAGE_TIME,
             )
             com_ahead, clearance = geometry.com_and_clearance(estimator)
-            self.samples.add_estimate(self._state.time, estimator.up, com_ahead, clearance)
+            tilt = float(np.arccos(np.clip(estimator.up[2], -1, 1)))
+            self._estimates.append((self._state.time, tilt, com_ahead, clearance))
             down = time > _LIFT_TIME and clearance < _TOUCHING * self.swing_height
             touched = touched + period if down else 0.0
             if estimator.up[2] < np.cos(_TILT_LIMIT):
@@ -218,8 +223,19 @@ class _Trial:
         self._torque = np.zeros_like(self._torque)
         self._glide(self._target, self._torque, _CATCH_TIME)
 
+    def estimates(self, lift_off: float) -> StateEstimates:
+        """Return all estimates; times count from `lift_off` [s]."""
+        time, *estimates = np.array(self._estimates).T
+        return StateEstimates(time - lift_off, *estimates)
+
+    def recording(self) -> Recording:
+        """Return all samples and commands, without samples that are not finite."""
+        finite = [(state, target) for state, target in self._samples if _is_finite(state)]
+        states, targets = [state for state, _ in finite], np.array([target for _, target in finite])
+        return recording_of(self.platform.joint_names, states, targets, tuple(self._events))
+
     def _begin(self, phase: str) -> None:
-        self.samples.phase(phase, self._state.time)
+        self._events.append(Event(self._state.time, PHASE, {"name": phase}))
 
     def _glide(
         self, target: FloatArray, torque: FloatArray, duration: float, estimator: StateEstimator | None = None
@@ -236,7 +252,8 @@ class _Trial:
             raise MotionError(
                 f"at {self._state.time:.3f} s a measurement is not finite; the feet were lowered. Check encoders and IMU"
             )
-        self.samples.add(self._state, target)
+        if not self._samples or self._state.time > self._samples[-1][0].time:
+            self._samples.append((self._state, target))
         self._target, self._torque = target, torque
         self._state = self.platform.step(JointCommand(target, torque=torque, kp=self._kp, kd=self._kd))
         if self._watch is not None:
@@ -245,6 +262,14 @@ class _Trial:
 
     def _periods(self, duration: float) -> int:
         return max(1, round(duration / self.platform.control_period))
+
+
+def _is_finite(state: RobotState) -> bool:
+    arrays = (
+        state.joint_position, state.joint_velocity, state.joint_torque,
+        state.angular_velocity_in_imu, state.acceleration_in_imu,
+    )  # fmt: skip
+    return all(array is None or bool(np.isfinite(array).all()) for array in arrays)
 
 
 def _lift_path(postures: list[Posture], count: int) -> list[tuple[FloatArray, FloatArray]]:
