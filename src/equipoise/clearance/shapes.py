@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.clearance.stand_ins import BASE_JOINT, LIMB_RADIUS_RATIO, Limb, leg_limbs, trunk_box
+from equipoise.clearance.stand_ins import BASE_JOINT, LIMB_RADIUS_RATIO, capsule, leg_limbs, trunk_box
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 from equipoise.robot.tree import body_frame_of, read_shapes
@@ -108,17 +108,17 @@ def _stand_ins(robot: RobotModel, locked: FloatArray, of_file: list[Named]) -> I
     shown = {shape.parentJoint for _, shape in solid}
     if not any(shape.parentJoint == BASE_JOINT for _, shape in of_file):
         edges, middle = trunk_box(robot)
-        yield robot.base_link, _shape(BASE_JOINT, coal.Box(*edges), pin.SE3(np.eye(3), middle))
+        yield robot.base_link, pin.GeometryObject("", BASE_JOINT, pin.SE3(np.eye(3), middle), coal.Box(*edges))
     for limb in leg_limbs(robot, shown):
-        yield _link_name(robot.pinocchio, limb.joint), _capsule(limb)
+        yield _link_name(robot.pinocchio, limb.parentJoint), limb
     for foot in robot.legs.values():
         frame, sphere = robot.pinocchio.frames[foot.foot_frame_id], coal.Sphere(foot.foot_radius)
-        yield _link_name(robot.pinocchio, frame.parentJoint), _shape(frame.parentJoint, sphere, frame.placement)
-    for name, limb in _locked_limbs(robot, locked, {link for link, _ in of_file}):
-        yield name, _capsule(limb)
+        shape = pin.GeometryObject("", frame.parentJoint, frame.placement, sphere)
+        yield _link_name(robot.pinocchio, frame.parentJoint), shape
+    yield from _locked_limbs(robot, locked, {link for link, _ in of_file})
 
 
-def _locked_limbs(robot: RobotModel, locked: FloatArray, shown: set[str]) -> Iterator[tuple[str, Limb]]:
+def _locked_limbs(robot: RobotModel, locked: FloatArray, shown: set[str]) -> Iterator[Named]:
     """Generate capsules on the base along links of locked joints: to the next joint, or to twice the distance of the CoM."""
     model = robot.full_pinocchio
     data, radius = model.createData(), _ARM_SHARE * LIMB_RADIUS_RATIO * robot.leg_length
@@ -128,18 +128,9 @@ def _locked_limbs(robot: RobotModel, locked: FloatArray, shown: set[str]) -> Ite
         link, place = _link_name(model, joint), data.oMi[joint]
         ends = [np.array(data.oMi[below].translation) for below in joints if model.parents[below] == joint]
         for end in ends or [place.rotation @ (2 * model.inertias[joint].lever) + place.translation]:
-            limb = Limb(BASE_JOINT, np.array(place.translation), end, radius)
-            if link not in shown and limb.length > radius:
-                yield link, limb
+            if link not in shown and np.linalg.norm(end - place.translation) > radius:
+                yield link, capsule(BASE_JOINT, np.array(place.translation), end, radius)
 
 
 def _link_name(model: pin.Model, joint: int) -> str:
     return str(model.frames[body_frame_of(model, joint)].name)
-
-
-def _capsule(limb: Limb) -> pin.GeometryObject:
-    return _shape(limb.joint, coal.Capsule(limb.radius, limb.length), limb.placement)
-
-
-def _shape(joint: int, geometry: coal.CollisionGeometry, placement: pin.SE3) -> pin.GeometryObject:
-    return pin.GeometryObject("", joint, placement, geometry)

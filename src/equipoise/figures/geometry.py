@@ -221,8 +221,8 @@ def _stand_ins(robot: RobotModel, found: list[Shape]) -> Iterator[Shape]:
         edges, middle = trunk_box(robot, around=1.0)
         yield Shape(BASE_JOINT, "base", "box", box(*edges).moved(pin.SE3(np.eye(3), middle)))
     for limb in leg_limbs(robot, shown):
-        drawn = capsule(limb.radius, limb.length).moved(limb.placement)
-        yield Shape(limb.joint, _part(robot, limb.joint), "capsule", drawn)
+        drawn = capsule(limb.geometry.radius, 2 * limb.geometry.halfLength).moved(limb.placement)
+        yield Shape(int(limb.parentJoint), _part(robot, limb.parentJoint), "capsule", drawn)
 
 
 def _part(robot: RobotModel, joint: int) -> Part:
