@@ -39,7 +39,7 @@ def urdf(robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payloa
             _joint(root, name, parent, link, np.array(place.translation) + shift, place.rotation, axis)
             parent, shift = link, legs.end_shift[joint]
         placement = model.frames[leg.foot_frame_id].placement
-        foot, radius = f"{leg.name}_foot", robot.feet[leg.name].radius + float(legs.foot_radius[number])
+        foot, radius = f"{leg.name}_foot", leg.foot_radius + float(legs.foot_radius[number])
         _joint(root, f"{foot}_joint", parent, foot, np.array(placement.translation) + shift, placement.rotation, None)
         collision = ElementTree.SubElement(_link(root, foot, None), "collision")
         ElementTree.SubElement(ElementTree.SubElement(collision, "geometry"), "sphere", radius=str(radius))

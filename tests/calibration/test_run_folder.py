@@ -256,7 +256,7 @@ def test_the_robot_comes_back_as_it_was_read(tmp_path, new):
     assert again.source == robot.source
     assert again.locked_joints == robot.locked_joints
     assert again.joint_names == robot.joint_names
-    assert again.feet == robot.feet
+    assert again.legs == robot.legs
     for name in ("lower_limit", "upper_limit", "effort_limit", "velocity_limit"):
         assert np.array_equal(getattr(again, name), getattr(robot, name))
     assert np.array_equal(again.imu_in_base.homogeneous, robot.imu_in_base.homogeneous)

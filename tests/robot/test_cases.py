@@ -129,7 +129,7 @@ def test_a_wheel_that_is_locked_is_the_foot(load):
     )
     robot = load(text)
     np.testing.assert_array_equal(robot.lower_limit, load(cases.urdf()).lower_limit)
-    assert {foot.radius for foot in robot.feet.values()} == {0.02}
+    assert {leg.foot_radius for leg in robot.legs.values()} == {0.02}
 
 
 def test_a_slider_that_is_locked_stays_where_it_is(load):
@@ -484,7 +484,7 @@ def test_a_described_foot_on_the_knee_is_refused(refusal, frame):
 
 def test_a_site_marks_a_foot(load):
     text = re.sub(r'<geom name="(\w\w_foot)"[^>]*>', r'<site name="\1" pos="0 0 -0.2"/>', cases.mjcf(cases.FREE))
-    assert {foot.position_in_body for foot in load(text).feet.values()} == {(0.0, 0.0, -0.2)}
+    assert {leg.foot_in_body for leg in load(text).legs.values()} == {(0.0, 0.0, -0.2)}
 
 
 @pytest.mark.parametrize("kind", ["revolute", "continuous"])

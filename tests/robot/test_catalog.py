@@ -152,7 +152,7 @@ def test_a_users_file_is_a_robot(quietly, tmp_path, text, kind):
     path = tmp_path / "mine.xml"
     path.write_text(text, encoding="utf-8")
     robot = load_robot(kind(path), RobotDescription(foot_radius=0.05))
-    assert (robot.name, robot.feet["FL"].radius) == ("mine", 0.05)
+    assert (robot.name, robot.legs["FL"].foot_radius) == ("mine", 0.05)
     assert robot.mass == load_text(tmp_path, text).mass
 
 

@@ -110,9 +110,9 @@ def test_several_default_sections_add_up(read):
 
 
 def test_a_foot_that_only_a_class_places_is_found(robot):
-    feet = robot(head=RADIAN + '<default><geom type="sphere" size="0.02" pos="0 0 -0.2"/></default>').feet
-    assert {foot.position_in_body for foot in feet.values()} == {(0.0, 0.0, -0.2)}
-    assert {foot.radius for foot in feet.values()} == {FOOT_RADIUS}
+    legs = robot(head=RADIAN + '<default><geom type="sphere" size="0.02" pos="0 0 -0.2"/></default>').legs
+    assert {leg.foot_in_body for leg in legs.values()} == {(0.0, 0.0, -0.2)}
+    assert {leg.foot_radius for leg in legs.values()} == {FOOT_RADIUS}
 
 
 def test_a_class_may_limit_joints_that_have_no_range_of_their_own(tmp_path):
@@ -256,7 +256,7 @@ def test_bodies_and_joints_need_no_names(tmp_path):
 def test_where_the_file_starts_the_robot_does_not_matter(robot):
     here, there = robot(), robot(attributes='pos="1 2 3" euler="0.3 0.2 1"')
     np.testing.assert_array_equal(there.pinocchio.jointPlacements[1].homogeneous, np.eye(4))
-    assert there.feet == here.feet
+    assert there.legs == here.legs
 
 
 def test_what_belongs_to_a_simulation_is_dropped(read):
@@ -461,14 +461,14 @@ def test_a_leg_may_be_in_a_frame(robot, tmp_path):
     leg, after = leg.split('<body name="FR_link_0"')
     frame = f'<frame pos="0.2 0.1 0"><body name="FL_link_0">{leg}</frame>'
     framed = load_text(tmp_path, f'{before}{frame}<body name="FR_link_0"{after}')
-    assert framed.feet == robot().feet
+    assert framed.legs == robot().legs
     hip = framed.pinocchio.jointPlacements[framed.legs["FL"].joint_ids[0]]
     np.testing.assert_allclose(hip.translation, [0.2, 0.1, 0])
 
 
 def test_all_four_feet_are_where_the_urdf_of_the_same_robot_has_them(robot):
-    assert list(robot().feet) == list(FOUR_LEGS)
-    assert {foot.position_in_body for foot in robot().feet.values()} == {(0.0, 0.0, -0.2)}
+    assert list(robot().legs) == list(FOUR_LEGS)
+    assert {leg.foot_in_body for leg in robot().legs.values()} == {(0.0, 0.0, -0.2)}
 
 
 # --- where joints are at home

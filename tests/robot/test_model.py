@@ -281,9 +281,9 @@ def test_a_locked_joint_may_have_its_links_name(load):
 
 
 def test_a_foot_is_at_its_sphere(quadruped):
-    assert {foot.radius for foot in quadruped.feet.values()} == {FOOT_RADIUS}
-    for leg, foot in quadruped.feet.items():
-        assert (foot.body, foot.position_in_body) == (f"{leg}_link_2", (0.0, 0.0, -0.2))
+    assert {leg.foot_radius for leg in quadruped.legs.values()} == {FOOT_RADIUS}
+    for name, leg in quadruped.legs.items():
+        assert (leg.foot_body, leg.foot_in_body) == (f"{name}_link_2", (0.0, 0.0, -0.2))
 
 
 def test_a_foot_is_at_the_farthest_sphere_below_the_knee(load, quadruped):
@@ -294,7 +294,7 @@ def test_a_foot_is_at_the_farthest_sphere_below_the_knee(load, quadruped):
     text = quadruped_urdf()
     for leg in LEG_NAMES:
         text = text.replace(f'<link name="{leg}_link_2">', f'<link name="{leg}_link_2">{others}')
-    assert load(text).feet == quadruped.feet
+    assert load(text).legs == quadruped.legs
 
 
 def test_a_sphere_at_the_knee_is_not_a_foot(load):
@@ -302,20 +302,20 @@ def test_a_sphere_at_the_knee_is_not_a_foot(load):
     text = quadruped_urdf(foot_radius=None)
     for leg in LEG_NAMES:
         text = text.replace(f'<link name="{leg}_link_2">', f'<link name="{leg}_link_2">{knee}')
-    assert {foot.position_in_body for foot in load(text).feet.values()} == {(0.0, 0.0, -0.2)}
+    assert {leg.foot_in_body for leg in load(text).legs.values()} == {(0.0, 0.0, -0.2)}
 
 
 def test_cylinders_along_the_knees_axes_are_feet_with_a_width(load):
-    feet = load(on_cylinders("1.5708 0 0")).feet.values()
-    assert {(foot.radius, foot.half_width, foot.position_in_body) for foot in feet} == {
+    legs = load(on_cylinders("1.5708 0 0")).legs.values()
+    assert {(leg.foot_radius, leg.foot_half_width, leg.foot_in_body) for leg in legs} == {
         (0.018, 0.006, (0.0, 0.0, -0.2))
     }
-    assert {foot.half_width for foot in load(quadruped_urdf()).feet.values()} == {0.0}
+    assert {leg.foot_half_width for leg in load(quadruped_urdf()).legs.values()} == {0.0}
 
 
 def test_cylinders_along_the_shank_are_not_feet(load):
     robot = load(on_cylinders("0 0 0"))
-    assert {(foot.radius, foot.half_width) for foot in robot.feet.values()} == {(0.05 * robot.leg_length, 0.0)}
+    assert {(leg.foot_radius, leg.foot_half_width) for leg in robot.legs.values()} == {(0.05 * robot.leg_length, 0.0)}
 
 
 def test_feet_without_spheres_are_at_the_farthest_frames_with_a_warning(tmp_path):
@@ -326,8 +326,8 @@ def test_feet_without_spheres_are_at_the_farthest_frames_with_a_warning(tmp_path
     assert str(caught[-1].message) == (
         "spot: no sphere or cylinder at the feet; a radius of 20 mm is assumed (set foot_radius in the robot configuration)"
     )
-    assert {foot.radius for foot in robot.feet.values()} == {0.05 * robot.leg_length}
-    assert {foot.position_in_body for foot in robot.feet.values()} == {(0.0, 0.0, -0.2)}
+    assert {leg.foot_radius for leg in robot.legs.values()} == {0.05 * robot.leg_length}
+    assert {leg.foot_in_body for leg in robot.legs.values()} == {(0.0, 0.0, -0.2)}
 
 
 def test_a_described_radius_gives_no_warning(tmp_path):
@@ -337,11 +337,11 @@ def test_a_described_radius_gives_no_warning(tmp_path):
         warnings.simplefilter("always")
         robot = RobotModel.from_file(path, description=RobotDescription(foot_radius=0.03))
     assert not any("no sphere" in str(warning.message) for warning in caught)
-    assert {foot.radius for foot in robot.feet.values()} == {0.03}
+    assert {leg.foot_radius for leg in robot.legs.values()} == {0.03}
 
 
 def test_a_described_radius_wins_over_the_sphere(load):
-    assert load(quadruped_urdf(), RobotDescription(foot_radius=0.03)).feet["FL"].radius == 0.03
+    assert load(quadruped_urdf(), RobotDescription(foot_radius=0.03)).legs["FL"].foot_radius == 0.03
 
 
 def test_a_described_radius_is_no_larger_than_a_leg(refusal):
@@ -353,16 +353,16 @@ def test_a_described_foot_frame_wins_over_the_farthest_frame(load):
     toe = '<link name="toe"/><joint name="toe_joint" type="fixed"><origin xyz="0.01 0 -0.18"/>'
     toe += '<parent link="FL_link_2"/><child link="toe"/></joint>'
     robot = load(quadruped_urdf(extra=toe), RobotDescription(foot_frames={"FL": "toe"}))
-    assert robot.feet["FL"].position_in_body == pytest.approx((0.01, 0.0, -0.18))
-    assert robot.feet["FR"].position_in_body == (0.0, 0.0, -0.2)
-    assert robot.feet["FR"].radius == FOOT_RADIUS
+    assert robot.legs["FL"].foot_in_body == pytest.approx((0.01, 0.0, -0.18))
+    assert robot.legs["FR"].foot_in_body == (0.0, 0.0, -0.2)
+    assert robot.legs["FR"].foot_radius == FOOT_RADIUS
 
 
 def test_a_foot_frame_may_have_its_joints_name(load):
     text = quadruped_urdf().replace('"FL_foot_joint"', '"FL_foot"')
     robot = load(text, RobotDescription(foot_frames={"FL": "FL_foot"}))
-    assert robot.feet["FL"].position_in_body == (0.0, 0.0, -0.2)
-    assert robot.feet["FL"].radius == FOOT_RADIUS
+    assert robot.legs["FL"].foot_in_body == (0.0, 0.0, -0.2)
+    assert robot.legs["FL"].foot_radius == FOOT_RADIUS
 
 
 def test_a_foot_frame_must_exist_and_be_below_the_legs_own_knee(refusal):
@@ -391,9 +391,9 @@ def test_feet_on_their_bodies_are_where_the_kinematics_have_them(quadruped):
     feet = foot_positions(quadruped, position)
     data = quadruped.pinocchio.createData()
     pin.framesForwardKinematics(quadruped.pinocchio, data, quadruped.configuration(position))
-    for foot, expected in zip(quadruped.feet.values(), feet, strict=True):
-        body = data.oMf[quadruped.pinocchio.getFrameId(foot.body)]
-        np.testing.assert_allclose(body.act(np.array(foot.position_in_body)), expected, atol=1e-12)
+    for leg, expected in zip(quadruped.legs.values(), feet, strict=True):
+        body = data.oMf[quadruped.pinocchio.getFrameId(leg.foot_body)]
+        np.testing.assert_allclose(body.act(np.array(leg.foot_in_body)), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("joints", [2, 3])

@@ -305,7 +305,7 @@ def test_common_leg_errors_are_symmetric(a1):
 
 def test_feet_have_other_radii_and_still_stand_on_the_floor(a1):
     seen = standing(a1, foot_radius=2e-3)
-    usual = [foot.radius for foot in a1.feet.values()]
+    usual = [leg.foot_radius for leg in a1.legs.values()]
     radii = [seen.model.geom(f"equipoise_{leg}_foot").size[0] for leg in a1.legs]
     assert np.allclose(np.subtract(radii, usual), seen.errors.drawn["foot_radius"])
     assert np.abs(seen.ground_truth.clearance).max() < 5e-6
@@ -490,7 +490,7 @@ def test_feet_resist_rolling_and_turning_on_the_spot(a1):
 def test_feet_stand_on_footholds_of_different_heights(a1):
     seen = standing(a1, foothold_height=2e-3)
     heights = seen.errors.drawn["foothold_height"]
-    radii = [foot.radius for foot in a1.feet.values()]
+    radii = [leg.foot_radius for leg in a1.legs.values()]
     assert np.abs(heights).max() > 1e-3
     assert np.allclose(seen.ground_truth.feet[:, 2] - radii, heights, atol=1e-5)
     assert np.abs(seen.ground_truth.clearance).max() < 1e-5

@@ -34,6 +34,8 @@ class Leg:
         joint_ids: ids of the same joints in the Pinocchio model.
         joints: indices of the same joints in the robot's joint vectors.
         foot_frame_id: Pinocchio's id of the frame at the foot's centre.
+        foot_body: name of the foot's link.
+        foot_in_body: place of the foot's centre on that link [m].
         foot_radius: radius of the foot [m].
         foot_half_width: half-width of a cylindrical foot along the knee's axis [m]; zero for a ball.
     """
@@ -43,8 +45,10 @@ class Leg:
     joint_ids: tuple[int, ...]
     joints: tuple[int, ...]
     foot_frame_id: int
+    foot_body: str
+    foot_in_body: tuple[float, ...]
     foot_radius: float
-    foot_half_width: float = 0.0
+    foot_half_width: float
 
 
 def add_legs(
@@ -74,14 +78,17 @@ def add_legs(
             centre, shape = _found_foot(model, knee, leg, below, path)
         radius = description.foot_radius or (shape.radius if shape else 0.0)
         guessing |= radius == 0.0
-        placement = pin.SE3(np.eye(3), centre)
-        frame = pin.Frame(f"equipoise_{leg}_foot", knee, body_frame_of(model, knee), placement, pin.FrameType.OP_FRAME)
+        placement, body_id = pin.SE3(np.eye(3), centre), body_frame_of(model, knee)
+        body = model.frames[body_id]
+        frame = pin.Frame(f"equipoise_{leg}_foot", knee, body_id, placement, pin.FrameType.OP_FRAME)
         legs[leg] = Leg(
             name=leg,
             joint_names=tuple(names[joint] for joint in ids),
             joint_ids=tuple(ids),
             joints=tuple(joint - 2 for joint in ids),
             foot_frame_id=int(model.addFrame(frame)),
+            foot_body=str(body.name),
+            foot_in_body=tuple((body.placement.inverse() * placement).translation.tolist()),
             foot_radius=radius,
             foot_half_width=shape.half_width if shape else 0.0,
         )

@@ -38,16 +38,6 @@ PAIRS = DIAGONALS | {"FL_RL": ("FL", "RL"), "FR_RR": ("FR", "RR"), "FL_FR": ("FL
 _KP, _KD = 100.0, 3.0  # joint gains [Nm/rad], [Nm s/rad] on an A1
 
 
-@dataclass(frozen=True)
-class Foot:
-    """Shape of a foot: link (body), position on it [m], radius and half-width along the knee's axis [m]."""
-
-    body: str
-    position_in_body: tuple[float, float, float]
-    radius: float
-    half_width: float
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class RobotModel:
     """Quadruped: a floating base and four legs of two or three joints. Made by `from_file` or `from_source`.
@@ -211,17 +201,6 @@ class RobotModel:
     def foot_frames(self) -> tuple[int, ...]:
         """Pinocchio's ids of the frames at the feet FL FR RL RR."""
         return tuple(self.legs[name].foot_frame_id for name in LEG_NAMES)
-
-    @cached_property
-    def feet(self) -> Mapping[str, Foot]:
-        """Shapes of the feet on the links, for an engine that reads the same model."""
-        feet: dict[str, Foot] = {}
-        for leg in self.legs.values():
-            frame = self.pinocchio.frames[leg.foot_frame_id]
-            body = self.pinocchio.frames[frame.parentFrame]
-            x, y, z = (body.placement.inverse() * frame.placement).translation
-            feet[leg.name] = Foot(str(body.name), (float(x), float(y), float(z)), leg.foot_radius, leg.foot_half_width)
-        return MappingProxyType(feet)
 
     def create_data(self) -> pin.Data:
         """Create data for Pinocchio's algorithms on this model.

@@ -51,7 +51,7 @@ class LegErrors:
             if kind == per_leg - 1:
                 end[joint] += axes @ foot_each[index // per_leg]
             turn[joint] = _across(axis) @ turn_each[joint]
-        radii = np.array([foot.radius for foot in robot.feet.values()])
+        radii = np.array([leg.foot_radius for leg in robot.legs.values()])
         worn = np.maximum(drawn["foot_radius"], -_MOST_WORN * radii)
         return cls(com, end, errors.hip_position, worn, turn)
 

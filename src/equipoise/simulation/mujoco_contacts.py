@@ -68,18 +68,18 @@ def add_contacts(
     )  # fmt: skip
     touching = {"contype": 2, "conaffinity": 1, "condim": 3, "mass": 0.0, **hard}
     heights, axes = errors.drawn["foothold_height"], _base_axes(robot, stance)
-    for index, (leg, foot) in enumerate(robot.feet.items()):
-        how: dict[str, Any] = {**touching, "condim": dimensions, **from_file.get(leg, {})}
+    for index, (name, leg) in enumerate(robot.legs.items()):
+        how: dict[str, Any] = {**touching, "condim": dimensions, **from_file.get(name, {})}
         if heights.any():
             # Each foot has a separate floor and touches no other.
             how |= {"contype": 4 << index, "conaffinity": 4 << index}
             spec.worldbody.add_geom(
-                name=f"{FLOOR}_{leg}", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, heights[index]],
+                name=f"{FLOOR}_{name}", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, heights[index]],
                 contype=4 << index, conaffinity=4 << index, **floor,
             )  # fmt: skip
-        how["pos"] = foot.position_in_body
-        radius, width = foot.radius + legs.foot_radius[index], errors.sizes.foot_width or foot.half_width
-        _add_foot(spec.body(foot.body), leg, radius, width, errors.sizes, axes[index], how)
+        how["pos"] = leg.foot_in_body
+        radius, width = leg.foot_radius + legs.foot_radius[index], errors.sizes.foot_width or leg.foot_half_width
+        _add_foot(spec.body(leg.foot_body), name, radius, width, errors.sizes, axes[index], how)
     hips_above_base = stance.hip_height - stance.base_height
     reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     thickness = 0.02 * robot.leg_length
@@ -122,7 +122,7 @@ def _base_axes(robot: RobotModel, stance: Stance) -> list[FloatArray]:
     """Return for each foot the (3, 3) axes of the base at the stance, as columns in the axes of the foot's body."""
     model, data = robot.pinocchio, robot.create_data()
     pin.framesForwardKinematics(model, data, robot.configuration(stance.joint_position))
-    frames = [model.getFrameId(foot.body, pin.FrameType.BODY) for foot in robot.feet.values()]
+    frames = [model.getFrameId(leg.foot_body, pin.FrameType.BODY) for leg in robot.legs.values()]
     return [np.array(data.oMf[frame].rotation).T for frame in frames]
 
 
@@ -188,16 +188,16 @@ def _parameters_from_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, d
         model: Any = spec.compile()
         data: Any = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        for leg, foot in robot.feet.items():
-            link = model.body(foot.body).id
-            where = data.xpos[link] + data.xmat[link].reshape(3, 3) @ foot.position_in_body
+        for leg in robot.legs.values():
+            link = model.body(leg.foot_body).id
+            where = data.xpos[link] + data.xmat[link].reshape(3, 3) @ leg.foot_in_body
             spheres = (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE) & (
                 model.body_weldid[model.geom_bodyid] == model.body_weldid[link]
             )
             there = spheres & np.isclose(data.geom_xpos, where, atol=1e-6).all(axis=1)
             for index in np.flatnonzero(there)[:1]:
-                found[leg] = {key: getattr(model, f"geom_{key}")[index] for key in _FILE_KEYS}
-    if missing := sorted(robot.feet.keys() - found):
+                found[leg.name] = {key: getattr(model, f"geom_{key}")[index] for key in _FILE_KEYS}
+    if missing := sorted(robot.legs.keys() - found):
         raise SettingsError(
             f"the model file of {robot.name!r} has no contact parameters for its feet: it needs an MJCF sphere at each foot, "
             f"and {', '.join(missing)} have none; omit --contact-model file"
