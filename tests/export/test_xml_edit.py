@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from equipoise.errors import ModelError
-from equipoise.exports.xml_edit import Document, comment_lines, comment_text, escaped
+from equipoise.exports.xml_edit import Document, comment_lines, comment_text, element_lines
 
 PATH = Path("robot.urdf")
 
@@ -139,8 +139,19 @@ def test_hyphens_are_kept_apart():
     assert comment_text("--force a---b -") == "- -force a- - -b "
 
 
-def test_a_name_is_escaped():
-    assert escaped('a<b&"c') == "a&lt;b&amp;&quot;c"
+@pytest.mark.parametrize("quote", ["'", '"'])
+def test_a_value_is_escaped_in_quotes_of_either_kind(quote):
+    name = "a<b&\"c'd"
+    file = document(f"<robot name={quote}old{quote}><link/></robot>")
+    root = ET.fromstring(
+        file.edited([file.set(file.root, "name", name), file.set(file.root.first("link"), "name", name)])
+    )
+    assert root.attrib == root.find("link").attrib == {"name": name}
+
+
+def test_a_new_element_is_escaped():
+    element = ET.Element("link", name='a<b&"c')
+    assert element_lines(element) == ['<link name="a&lt;b&amp;&quot;c"/>']
 
 
 def test_elements_of_an_entity_are_refused():

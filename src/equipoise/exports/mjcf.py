@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
+
 from equipoise.errors import ModelError
-from equipoise.exports.model_file import joint_element
 from equipoise.exports.model_writer import ModelFormat, write_model
 from equipoise.exports.subject import PAYLOAD, Subject, Written, number, numbers
-from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, empty_element
+from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, element_lines
 from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS
 from equipoise.robot.inertial import InertialParameters
 
@@ -52,45 +53,31 @@ def _body(document: Document, name: str, base: str) -> Element:
 def _inertial_edits(
     document: Document, body: Element, parameters: InertialParameters, header: tuple[str, ...]
 ) -> list[Edit]:
-    inertial = body.first("inertial")
-    if inertial is None:
-        return [document.put(body, [*comment_lines(header), empty_element("inertial", _attributes(parameters))])]
-    return [
-        document.comment(inertial, header),
-        *document.unset(inertial, "diaginertia", *ORIENTATIONS),
-        *(document.set(inertial, key, value) for key, value in _attributes(parameters).items()),
-    ]
+    stale = [edit for one in body.all("inertial")[:1] for edit in document.unset(one, "diaginertia", *ORIENTATIONS)]
+    return [*stale, *document.put_child(body, _inertial(parameters), header)]
 
 
-def _attributes(body: InertialParameters) -> dict[str, str]:
-    """Return the attributes of an <inertial> element in its body's axes."""
+def _inertial(body: InertialParameters) -> ET.Element:
+    """Return an <inertial> in its body's axes."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
-    return {"pos": numbers(body.com), "mass": number(body.mass), "fullinertia": numbers((xx, yy, zz, xy, xz, yz))}
+    moments = numbers((xx, yy, zz, xy, xz, yz))
+    return ET.Element("inertial", pos=numbers(body.com), mass=number(body.mass), fullinertia=moments)
 
 
-def _joint_edits(document: Document, subject: Subject, header: tuple[str, ...]) -> list[Edit]:
-    """Return edits of the attributes of the estimated joints; a joint's own attributes override those of its class."""
-    values = {attribute: subject.column(name) for attribute, name in _ATTRIBUTES.items()}
-    joints = {e.attributes.get("name"): e for e in _base_body(document).walk() if e.tag == "joint"}
-    found = [(joint_element(document, joints, name), name) for name in subject.joints]
-    edits = [
-        document.set(joint, attribute, number(max(0.0, values[attribute][name])))
-        for joint, name in found
-        for attribute in values
-        if name in values[attribute]
-    ]
-    return [document.comment(found[0][0], header), *edits] if header and found else edits
+def _joints(document: Document) -> list[Element]:
+    return [element for element in _base_body(document).walk() if element.tag == "joint"]
+
+
+def _joint_edits(document: Document, joint: Element, values: dict[str, str]) -> list[Edit]:
+    """Return edits of a joint's own attributes, which override those of its class."""
+    return document.complete(joint, ET.Element("joint", values))
 
 
 def _payload_edits(document: Document, base: str, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
     del base
-    lines = [
-        *comment_lines(header),
-        f'<body name="{PAYLOAD}">',
-        f"  {empty_element('inertial', _attributes(body))}",
-        "</body>",
-    ]
-    return [document.put(_base_body(document), lines, last=True)]
+    payload = ET.Element("body", name=PAYLOAD)
+    payload.append(_inertial(body))
+    return [document.put(_base_body(document), [*comment_lines(header), *element_lines(payload)], last=True)]
 
 
-_MJCF = ModelFormat("mjcf", "body", _JOINTS, _body, _inertial_edits, _joint_edits, _payload_edits)
+_MJCF = ModelFormat("mjcf", "body", _JOINTS, _ATTRIBUTES, _body, _inertial_edits, _joints, _joint_edits, _payload_edits)

@@ -16,7 +16,7 @@ import numpy as np
 
 from equipoise.errors import MissingDependencyError, ModelError, ModelWarning, SettingsError
 from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, seen_from
-from equipoise.exports.xml_edit import Document, Element, escaped
+from equipoise.exports.xml_edit import Document
 from equipoise.result.calibration import Calibration
 from equipoise.robot.catalog import find_in_menagerie
 from equipoise.robot.description import RobotDescription
@@ -80,7 +80,7 @@ def _borrowed(path: Path) -> tuple[UsersFile, tuple[str, ...]]:
     content = _read(path, "")
     document = Document(content, path)
     folders = [
-        document.set(compiler, name, escaped(str(path.parent.resolve() / compiler.attributes[name])))
+        document.set(compiler, name, str(path.parent.resolve() / compiler.attributes[name]))
         for compiler in document.root.all("compiler")
         for name in ("assetdir", "meshdir", "texturedir")
         if name in compiler.attributes
@@ -175,16 +175,6 @@ def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialPa
     vector, what = subject.added_to(composite), f"{PAYLOAD}, the difference from the model file,"
     remedy = "leave out --add-payload-link to change the base link instead"
     return subject.nearest_body(vector, what, remedy)
-
-
-def joint_element(document: Document, joints: Mapping[str | None, Element], name: str) -> Element:
-    """Return a joint's element; raises ModelError if the file itself does not hold it."""
-    if name not in joints:
-        raise ModelError(
-            f"{str(document.path)!r} does not hold joint {name!r} by that name but includes it; write a single file "
-            "with a name for each joint, and name it with --file"
-        )
-    return joints[name]
 
 
 def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from equipoise.errors import ModelError, SettingsError
 from equipoise.exports.model_file import composite_of, edited_link, new_inertial, payload, read_robot, require_composite
 from equipoise.exports.parameters import BASE, LEGS, MOTORS
-from equipoise.exports.subject import PAYLOAD, Subject, Written, seen_from
+from equipoise.exports.subject import PAYLOAD, Subject, Written, number, seen_from
 from equipoise.exports.xml_edit import Document, Edit, Element
 from equipoise.robot.forward import link_in_file
 from equipoise.robot.inertial import InertialParameters
@@ -32,18 +32,22 @@ class ModelFormat:
         name: name of the format, "urdf" or "mjcf".
         link: name of a link's element.
         joints: words for the joint values that are written.
+        attributes: name of each joint parameter by the attribute that holds it.
         find: function that returns the element of a link, by its name; the base's is given too.
         set_inertial: function that gives a link's element another inertial, with a comment before it.
-        set_joints: function that writes the joint parameters, with a comment before the first.
+        joints_of: function that returns the elements of all joints.
+        set_joint: function that gives a joint's element the values of these attributes.
         add_link: function that adds a link that is fixed to the base, with a comment before it.
     """
 
     name: str
     link: str
     joints: str
+    attributes: Mapping[str, str]
     find: Callable[[Document, str, str], Element]
     set_inertial: Callable[[Document, Element, InertialParameters, tuple[str, ...]], list[Edit]]
-    set_joints: Callable[[Document, Subject, tuple[str, ...]], list[Edit]]
+    joints_of: Callable[[Document], list[Element]]
+    set_joint: Callable[[Document, Element, dict[str, str]], list[Edit]]
     add_link: Callable[[Document, str, InertialParameters, tuple[str, ...]], list[Edit]]
 
 
@@ -63,7 +67,7 @@ def write_model(subject: Subject, form: ModelFormat) -> Written:
 
 
 def _write_joints(document: Document, subject: Subject, robot: RobotModel, form: ModelFormat) -> Written:
-    content = document.edited(form.set_joints(document, subject, subject.header(form.joints)))
+    content = document.edited(_joint_edits(document, subject, form, subject.header(form.joints)))
     require_composite(subject, content, composite_of(subject, robot).vector)
     return Written(content, form.joints)
 
@@ -92,9 +96,31 @@ def _write_base(document: Document, subject: Subject, robot: RobotModel, form: M
     )
     element = form.find(document, link, robot.base_link)
     edits = form.set_inertial(document, element, body, subject.header(about, *notes))
-    content = document.edited([*edits, *form.set_joints(document, subject, ())])
+    content = document.edited([*edits, *_joint_edits(document, subject, form)])
     require_composite(subject, content, composite)
     return Written(content, about, notes)
+
+
+def _joint_edits(document: Document, subject: Subject, form: ModelFormat, header: tuple[str, ...] = ()) -> list[Edit]:
+    """Return edits of the joints with an estimate that the format holds, with a comment before the first of them.
+
+    Raises:
+        ModelError: the file itself does not hold such a joint.
+    """
+    columns = {attribute: subject.column(name) for attribute, name in form.attributes.items()}
+    joints = {joint.attributes.get("name"): joint for joint in form.joints_of(document)}
+    edits: list[Edit] = []
+    for name in subject.joints:
+        values = {key: number(max(0.0, column[name])) for key, column in columns.items() if name in column}
+        if values and name not in joints:
+            raise ModelError(
+                f"{str(document.path)!r} does not hold joint {name!r} by that name but includes it; write a single file "
+                "with a name for each joint, and name it with --file"
+            )
+        if values:
+            edits += [document.comment(joints[name], header)] if header and not edits else []
+            edits += form.set_joint(document, joints[name], values)
+    return edits
 
 
 def refuse_second_payload(document: Document, within: Element, link: str) -> None:

@@ -5,18 +5,14 @@ Gazebo's reader joins all links fixed to a URDF's base into one link, so the lin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TypeAlias
+import xml.etree.ElementTree as ET
 
 from equipoise.errors import ModelError
 from equipoise.exports.model_file import payload
 from equipoise.exports.model_writer import refuse_second_payload
 from equipoise.exports.subject import PAYLOAD, Subject, Written, number, numbers, products
-from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, escaped
+from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, element_lines
 from equipoise.robot.inertial import InertialParameters
-
-Content: TypeAlias = "str | Mapping[str, Content]"
-"""Text of an element, or its children by tag."""
 
 
 def write(subject: Subject) -> Written:
@@ -31,7 +27,7 @@ def write(subject: Subject) -> Written:
         element = _payload_lines(subject, subject.in_file(body))
     else:
         about, body = subject.words_in_file, subject.base_in_file
-        element = _lines("inertial", _inertial(body))
+        element = element_lines(_inertial(body))
     header = subject.header(about, *notes)
     lines = [*comment_lines(header), *element]
     if subject.file is None:
@@ -44,46 +40,25 @@ def write(subject: Subject) -> Written:
     return Written(document.edited(edit), about, notes)
 
 
-def _inertial(body: InertialParameters) -> Content:
-    """Return the content of an <inertial> element in its link's axes."""
-    moments = {key: number(value) for key, value in products(body.inertia).items()}
-    return {"pose": f"{numbers(body.com)} 0 0 0", "mass": number(body.mass), "inertia": moments}
-
-
-def _lines(tag: str, content: Content) -> list[str]:
-    """Return an element."""
-    if isinstance(content, str):
-        return [f"<{tag}>{content}</{tag}>"]
-    inner = [line for key, value in content.items() for line in _lines(key, value)]
-    return [f"<{tag}>", *(f"  {line}" for line in inner), f"</{tag}>"]
-
-
-def _edits(document: Document, element: Element, content: Content) -> list[Edit]:
-    """Return edits that give an element this content; its other children do not change."""
-    if isinstance(content, str):
-        return [document.fill(element, content)]
-    edits, missing = list[Edit](), list[str]()
-    for tag, value in content.items():
-        child = element.first(tag)
-        if child is None:
-            missing += _lines(tag, value)
-        else:
-            edits += _edits(document, child, value)
-    return [*edits, document.put(element, missing)] if missing else edits
+def _inertial(body: InertialParameters) -> ET.Element:
+    """Return an <inertial> in its link's axes."""
+    inertial = ET.Element("inertial")
+    ET.SubElement(inertial, "pose").text = f"{numbers(body.com)} 0 0 0"
+    ET.SubElement(inertial, "mass").text = number(body.mass)
+    moments = ET.SubElement(inertial, "inertia")
+    for tag, value in products(body.inertia).items():
+        ET.SubElement(moments, tag).text = number(value)
+    return inertial
 
 
 def _payload_lines(subject: Subject, body: InertialParameters) -> list[str]:
-    base = escaped(subject.file_link)
-    return [
-        f'<link name="{PAYLOAD}">',
-        f'  <pose relative_to="{base}">0 0 0 0 0 0</pose>',
-        *(f"  {line}" for line in _lines("inertial", _inertial(body))),
-        "</link>",
-        f'<joint name="{PAYLOAD}_joint" type="fixed">',
-        f"  <parent>{base}</parent>",
-        f"  <child>{PAYLOAD}</child>",
-        "</joint>",
-    ]
+    link = ET.Element("link", name=PAYLOAD)
+    ET.SubElement(link, "pose", relative_to=subject.file_link).text = "0 0 0 0 0 0"
+    link.append(_inertial(body))
+    joint = ET.Element("joint", name=f"{PAYLOAD}_joint", type="fixed")
+    ET.SubElement(joint, "parent").text = subject.file_link
+    ET.SubElement(joint, "child").text = PAYLOAD
+    return [*element_lines(link), *element_lines(joint)]
 
 
 def _link(document: Document, name: str) -> Element:
@@ -101,12 +76,9 @@ def _payload_edits(document: Document, link: Element, lines: list[str]) -> list[
 
 def _inertial_edits(document: Document, link: Element, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
     _refuse_fixed_links(document, link)
-    inertial = link.first("inertial")
-    if inertial is None:
-        return [document.put(link, [*comment_lines(header), *_lines("inertial", _inertial(body))])]
-    pose = inertial.first("pose")
-    frame = [] if pose is None else document.unset(pose, "degrees", "rotation_format", "relative_to")
-    return [document.comment(inertial, header), *frame, *_edits(document, inertial, _inertial(body))]
+    poses = [pose for inertial in link.all("inertial")[:1] for pose in inertial.all("pose")[:1]]
+    frame = [edit for pose in poses for edit in document.unset(pose, "degrees", "rotation_format", "relative_to")]
+    return [*frame, *document.put_child(link, _inertial(body), header)]
 
 
 def _refuse_fixed_links(document: Document, link: Element) -> None:

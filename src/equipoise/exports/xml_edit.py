@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Iterable, Iterator, Mapping
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
+from xml.sax.saxutils import escape
 
 from equipoise.errors import ModelError
 
@@ -19,6 +21,7 @@ _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs
 _DECLARED = re.compile(rb"<\?xml[^>]*?encoding\s*=\s*[\"']([A-Za-z0-9._:-]+)")
 _ATTRIBUTE = re.compile(rb"\s+([^\s=/>]+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 _START_TAG = re.compile(rb"<[^\s/>]+(?:" + _ATTRIBUTE.pattern + rb")*\s*/?>")
+_QUOTES = {'"': "&quot;", "'": "&apos;"}
 _OUR_COMMENT = re.compile(rb"<!-- equipoise (?:(?!-->).)*-->\s*\Z", re.DOTALL)
 
 
@@ -97,7 +100,8 @@ class Document:
         return self._bom + data.decode().encode(self._encoding)
 
     def set(self, element: Element, name: str, value: str) -> Edit:
-        """Set an attribute to a number or a name, which must not need escapes in XML."""
+        """Set an attribute."""
+        value = escape(value, _QUOTES)
         at = element.start + 1 + len(element.tag.encode())
         for match in self._attributes(element):
             if match[1].decode() == name:
@@ -128,6 +132,28 @@ class Document:
         at = element.inside + len(content.rstrip())  # before the end tag's own indentation
         return Edit(at, at, text)
 
+    def put_child(
+        self, element: Element, child: ET.Element, comment: Sequence[str] = (), last: bool = False
+    ) -> list[Edit]:
+        """Insert a child, or complete the present one of that tag, with a comment before it if there is one."""
+        present = element.first(child.tag)
+        if present is None:
+            return [self.put(element, [*comment_lines(comment), *element_lines(child)], last)]
+        return [*([self.comment(present, comment)] if comment else []), *self.complete(present, child)]
+
+    def complete(self, element: Element, wanted: ET.Element) -> list[Edit]:
+        """Give an element the attributes, the text and the children of another; its own others do not change."""
+        edits = [self.set(element, name, value) for name, value in wanted.items()]
+        edits += [self.fill(element, wanted.text)] if wanted.text else []
+        missing: list[str] = []
+        for child in wanted:
+            present = element.first(child.tag)
+            if present is None:
+                missing += element_lines(child)
+            else:
+                edits += self.complete(present, child)
+        return [*edits, self.put(element, missing)] if missing else edits
+
     def margin(self, element: Element) -> str:
         """Return the line end and indentation before an element; empty if it does not begin its line."""
         before = self.data[: element.start]
@@ -138,7 +164,7 @@ class Document:
         end = "\r\n" if before.endswith(b"\r\n") else before[-1:].decode()
         return end + blank.decode()
 
-    def comment(self, element: Element, lines: Iterable[str]) -> Edit:
+    def comment(self, element: Element, lines: Sequence[str]) -> Edit:
         """Insert a comment before an element, in place of that of an earlier export."""
         earlier = _OUR_COMMENT.search(self.data, 0, element.start)
         margin = self.margin(element)
@@ -150,21 +176,18 @@ class Document:
         return _ATTRIBUTE.finditer(self.data, element.start + 1 + len(element.tag.encode()), tag_end)
 
 
-def comment_lines(lines: Iterable[str]) -> list[str]:
-    """Return a comment, line by line."""
+def comment_lines(lines: Sequence[str]) -> list[str]:
+    """Return a comment, line by line; nothing for one without lines."""
+    if not lines:
+        return []
     first, *others = (comment_text(line) for line in lines)
     return [f"<!-- {first}", *(f"     {line}" for line in others), "-->"]
 
 
-def empty_element(tag: str, attributes: Mapping[str, str]) -> str:
-    """Return an element without content; values must not need escapes in XML."""
-    words = [f'{name}="{value}"' for name, value in attributes.items()]
-    return f"<{' '.join([tag, *words])}/>"
-
-
-def escaped(name: str) -> str:
-    """Return a name escaped for an attribute in double quotes."""
-    return name.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+def element_lines(element: ET.Element) -> list[str]:
+    """Return a new element, line by line."""
+    ET.indent(element)
+    return ET.tostring(element, encoding="unicode").replace(" />", "/>").split("\n")
 
 
 def comment_text(line: str) -> str:
