@@ -199,9 +199,9 @@ def test_steps_are_predicted_without_their_walk(found):
 
 
 def test_the_page_shows_steps(found):
-    sections = {one.title: one for one in run_contents(found.result).sections}
+    sections = run_contents(found.result).sections
     assert "Held-out steps" in sections
-    names = [trace["name"] for figure in sections["Residuals"].blocks for trace in figure.data]
+    names = [trace["name"] for figure in sections["Residuals"] for trace in figure.data]
     assert names == ["walk (its worst step)"]
 
 

@@ -240,8 +240,7 @@ def test_a_report_of_motors_alone_begins_with_them(swung):
     assert len(table.rows) == 12
     assert [row[0] for row in table.rows[:2]] == ["FL_hip_joint", "FR_hip_joint"]
     assert "Coulomb friction 0.2" in contents.lead
-    (motors,) = (one for one in contents.sections if one.name == "motors")
-    for found, name in zip(motors.blocks, ("coulomb_friction", "viscous_friction"), strict=False):
+    for found, name in zip(contents.sections["Motors"], ("coulomb_friction", "viscous_friction"), strict=False):
         estimates, truths = found.data
         first = getattr(swung[0].joints["FL_hip_joint"], name)
         scale = estimates["x"][0] / first.value

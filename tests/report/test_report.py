@@ -61,7 +61,7 @@ def static():
 
 def blocks(contents, kind):
     """Return all blocks of a kind below the first screen."""
-    return [block for section in contents.sections for block in section.blocks if isinstance(block, kind)]
+    return [block for section in contents.sections.values() for block in section if isinstance(block, kind)]
 
 
 def figure_called(contents, title):
@@ -70,7 +70,7 @@ def figure_called(contents, title):
 
 
 def titles(contents):
-    return [section.title for section in contents.sections]
+    return list(contents.sections)
 
 
 def legend(contents):

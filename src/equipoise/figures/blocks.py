@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # lists of robots and formats load no NumPy
     from equipoise.conventions import FloatArray
@@ -90,14 +91,6 @@ Block = str | tuple[str, ...] | DataTable | Figure
 """A paragraph, a list, a table or a figure."""
 
 
-class Section(NamedTuple):
-    """Section of a page below the first screen."""
-
-    name: str
-    title: str
-    blocks: Sequence[Block]
-
-
 @dataclass(frozen=True)
 class PageContents:
     """Contents of a page.
@@ -107,16 +100,21 @@ class PageContents:
         actions: first blocks of the page: recommended actions.
         alerts: name and message of each failed check or warning.
         first: blocks of the first screen, with figures in a second column.
-        sections: sections below the first screen; empty ones are omitted.
+        sections: blocks of each section below the first screen, by title.
     """
 
     title: str
     subtitle: str
     lead: str
     first: Sequence[Block]
-    sections: Sequence[Section] = ()
+    sections: Mapping[str, Sequence[Block]] = field(default_factory=dict[str, Sequence[Block]])
     alerts: Sequence[tuple[str, str]] = ()
     actions: Sequence[Block] = ()
+
+
+def anchor(title: str) -> str:
+    """Return the name of a section, for links to it."""
+    return re.sub(r"\W+", "-", title.lower())
 
 
 def axes(x: str, y: str, **more: Any) -> Trace:

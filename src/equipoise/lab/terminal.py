@@ -75,9 +75,9 @@ class StudyLine:
 def print_study(page: PageContents, files: Sequence[Path]) -> None:
     """Print rates, errors and the effect of each error source."""
     console = Console()
-    for section in page.sections:
-        console.print(f"[bold]{escape(section.title)}[/bold]")
-        for block in section.blocks:
+    for heading, blocks in page.sections.items():
+        console.print(f"[bold]{escape(heading)}[/bold]")
+        for block in blocks:
             print_block(console, block)
     print_saved(console, files)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.errors import SettingsError
-from equipoise.figures.blocks import Cell, DataTable, PageContents, Section, number
+from equipoise.figures.blocks import Cell, DataTable, PageContents, number
 from equipoise.figures.numbers import Number, legend, numbers
 from equipoise.figures.plan_view import plan_figures, plan_view
 from equipoise.report.contents import alerts
@@ -31,12 +31,10 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
     robots = list(dict.fromkeys(result.robot for result in results.values()))
     labels = list(dict.fromkeys(label for of_run in shown.values() for label in of_run))
     first, *others = results
-    sections = [
-        Section(
-            "differences", "Differences", [_SHARED, *(_differences(labels, shown, first, name) for name in others)]
-        ),
-        Section("provenance", "Provenance", [_provenance(results)]),
-    ]
+    sections = {
+        "Differences": [_SHARED, *(_differences(labels, shown, first, name) for name in others)],
+        "Provenance": [_provenance(results)],
+    }
     messages = dict.fromkeys(message for result in results.values() for message in legend(result))
     return PageContents(
         f"{len(results)} runs compared",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from equipoise.figures.blocks import Block, Cell, DataTable, PageContents, Section
+from collections.abc import Sequence
+
+from equipoise.figures.blocks import Block, Cell, DataTable, PageContents
 from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.numbers import BODIES, legend, not_estimated, numbers, numbers_table
 from equipoise.figures.parts import parts_of
@@ -27,19 +29,19 @@ def run_contents(result: Calibration, run: str = "RUN") -> PageContents:
     """
     alone = motors_alone(result)
     uncertainty = [uncertainty_table(result), remedies(result)] if result.uncertainty_budget else []
-    sections = [
-        Section("held-out", _held_out_title(result), held_out_blocks(result)),
-        Section("trials", "Trials", [*search_figures(result), *trial_table(result)]),
-        Section("excitations", "Excitations", excitation_blocks(result)),
-        Section("residuals", "Residuals", residual_figures(result)),
-        Section("links", "Legs", part_blocks(result, LINKS)),
-        Section("motors", "Motors", part_blocks(result, MOTORS)),
-        Section("sensors", "Sensors", sensor_blocks(result)),
-        Section("uncertainty", "Uncertainty", uncertainty),
-        Section("bodies", "Other bodies", _other_bodies(result)),
-        Section("checks", "Checks", _checks(result)),
-        Section("provenance", "Provenance", provenance_blocks(result)),
-    ]
+    sections: dict[str, Sequence[Block]] = {
+        _held_out_title(result): held_out_blocks(result),
+        "Trials": [*search_figures(result), *trial_table(result)],
+        "Excitations": excitation_blocks(result),
+        "Residuals": residual_figures(result),
+        "Legs": part_blocks(result, LINKS),
+        "Motors": part_blocks(result, MOTORS),
+        "Sensors": sensor_blocks(result),
+        "Uncertainty": uncertainty,
+        "Other bodies": _other_bodies(result),
+        "Checks": _checks(result),
+        "Provenance": provenance_blocks(result),
+    }
     first = [parts_of(result)[0].table()] if alone else [numbers_table(numbers(result), _heading("composite"))]
     words = () if alone else legend(result)
     view = plan_figures(plan_view({result.robot: result}, lift_planes(result)))
@@ -48,7 +50,7 @@ def run_contents(result: Calibration, run: str = "RUN") -> PageContents:
         _subtitle(result),
         _lead(result),
         [*first, *words, *view],
-        [one for one in sections if one.blocks],
+        {title: blocks for title, blocks in sections.items() if blocks},
         alerts(result),
         action_blocks(result, run),
     )

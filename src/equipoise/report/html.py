@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
-from equipoise.figures.blocks import BAR, LONG, Block, Cell, DataTable, Figure, PageContents
+from equipoise.figures.blocks import BAR, LONG, Block, Cell, DataTable, Figure, PageContents, anchor
 from equipoise.result.quantity import Quantity
 
 _SECONDARY = ("truth", "error", "model", "change")  # shown below the estimate on narrow screens
@@ -160,8 +160,7 @@ def _key(table: DataTable) -> str:
 
 def document_html(document: PageContents) -> tuple[str, str]:
     """Return the navigation links and the body of a page."""
-    parts = [(section, f"{section.name}-title") for section in document.sections if section.blocks]
-    links = "".join(f'<a href="#{section.name}">{typeset(section.title)}</a>' for section, _ in parts)
+    links = "".join(f'<a href="#{anchor(title)}">{typeset(title)}</a>' for title in document.sections)
     alerts = "".join(
         f'<p class="alert"><span title="{typeset(message)}"><b>{typeset(name)}</b> {typeset(message)}</span></p>'
         for name, message in document.alerts
@@ -174,15 +173,17 @@ def document_html(document: PageContents) -> tuple[str, str]:
     head += f'<p id="lead">{_prose(document.lead)}</p>' if document.lead else ""
     numbers = f'<div id="numbers">{blocks_html(others)}</div>' if others else ""
     first = f'<div id="first">{numbers}{drawing}</div>'
-    below = "".join(
-        f'<section id="{section.name}" aria-labelledby="{name}"><h2 id="{name}">{typeset(section.title)}</h2>'
-        f"{blocks_html(section.blocks)}</section>"
-        for section, name in parts
-    )
+    below = "".join(_section(title, blocks) for title, blocks in document.sections.items())
     return links, f'{head}<div id="alerts">{alerts}</div>{first}{below}'
+
+
+def _section(title: str, blocks: Iterable[Block]) -> str:
+    name = anchor(title)
+    heading = f'<h2 id="{name}-title">{typeset(title)}</h2>'
+    return f'<section id="{name}" aria-labelledby="{name}-title">{heading}{blocks_html(blocks)}</section>'
 
 
 def figures_of(document: PageContents) -> list[Figure]:
     """Return the figures in page order."""
-    blocks = [*document.first, *(block for section in document.sections for block in section.blocks)]
+    blocks = [*document.first, *(block for section in document.sections.values() for block in section)]
     return [block for block in blocks if isinstance(block, Figure)]

@@ -71,4 +71,7 @@ def test_the_reproduction_as_markdown_has_its_tables_in_order(pages):
     assert [head.split(" | ")[0].strip("| ") for head in heads] == ["", "iteration", "method"]
     assert "| paper | ideal | 0.1000 (+0%) | - | 0.4000 (+0%) | 2.00 (+1.00) | 2.00 (+0.00) |" in text
     assert f"| bayesian | {COUNT} | " in text
-    assert "[Figure: Fig. 3: CoM error by iteration](report.html#iterations)" in text
+    assert (
+        "[Figure: Fig. 3: CoM error by iteration](report.html#fig-3-error-of-the-com-by-iteration-of-the-search)"
+        in text
+    )

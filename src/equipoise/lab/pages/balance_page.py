@@ -10,7 +10,6 @@ from equipoise.figures.blocks import (
     DataTable,
     Figure,
     PageContents,
-    Section,
     Trace,
     axes,
     line,
@@ -60,10 +59,7 @@ def _verdict(trial: BalanceTrial) -> str:
 
 def balance_page(report: BalanceReport) -> PageContents:
     """Return table, verdicts, and three figures for each diagonal."""
-    sections = [
-        Section(trial.run.diagonal, f"On {trial.run.diagonal}", [_tilt(trial), _com(trial), _torque(trial)])
-        for trial in report.trials
-    ]
+    sections = {f"On {trial.run.diagonal}": [_tilt(trial), _com(trial), _torque(trial)] for trial in report.trials}
     return PageContents(title(report), "", "", [balance_table(report), *messages(report)], sections)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from equipoise.figures.blocks import Block, DataTable, Figure, PageContents
+from equipoise.figures.blocks import Block, DataTable, Figure, PageContents, anchor
 
 
 def markdown(document: PageContents, page: str) -> str:
@@ -12,10 +12,10 @@ def markdown(document: PageContents, page: str) -> str:
     lines = [f"# {document.title}", "", document.lead, ""]
     for block in document.first:
         lines += [*_lines(block, page), ""]
-    for section in document.sections:
-        lines += [f"## {section.title}", ""]
-        for block in section.blocks:
-            lines += [*_lines(block, f"{page}#{section.name}"), ""]
+    for title, blocks in document.sections.items():
+        lines += [f"## {title}", ""]
+        for block in blocks:
+            lines += [*_lines(block, f"{page}#{anchor(title)}"), ""]
     return "\n".join(lines[:-1]) + "\n"
 
 

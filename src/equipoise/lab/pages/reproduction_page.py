@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.figures.blocks import INK, SERIES, DataTable, Figure, PageContents, Section, axes, level, line, points
+from equipoise.figures.blocks import INK, SERIES, Block, DataTable, Figure, PageContents, axes, level, line, points
 from equipoise.lab.pages.markdown import markdown
 from equipoise.lab.pages.study_page import line_in_squares
 from equipoise.lab.study.reproduction import (
@@ -46,16 +46,16 @@ def reproduction_page(done: Reproduction) -> PageContents:
     rows = done.joint_errors_alone
     by_foot, by_joint = _proportion(rows, "foot_error_rms"), _proportion(rows, "joint_zero_rms")
     (floor, per_foot_error), (_, per_joint_error) = by_foot, by_joint
-    sections = [
-        Section("table", "Table I", [_TABLE, _table(done)]),
-        Section("iterations", "Fig. 3: error of the CoM by iteration of the search", [
+    sections: dict[str, list[Block]] = {
+        "Table I": [_TABLE, _table(done)],
+        "Fig. 3: error of the CoM by iteration of the search": [
             f"{len(done.iterations)} robots with random payloads and the preset `realistic`, method `paper`. An iteration "
             "halves the brackets on both diagonals once.",
             _iterations(done),
             _iteration_table(done),
-        ]),
-        Section("monte-carlo", "Monte Carlo: calibrations within 5 mm", [_MONTE_CARLO, _methods(done)]),
-        Section("proportional", "Error against joint and end-effector error", [
+        ],
+        "Monte Carlo: calibrations within 5 mm": [_MONTE_CARLO, _methods(done)],
+        "Error against joint and end-effector error": [
             f"{rows.num_rows} robots without a payload, with joint offsets as the only error, whose size is "
             "drawn from 0 to 10 mrad. "
             f"The RMS planar CoM error grows by {per_joint_error:.2f} mm per mrad of joint error (rms over "
@@ -63,8 +63,8 @@ def reproduction_page(done: Reproduction) -> PageContents:
             f"joint errors it is {1000 * floor:.2f} mm; the two add in squares. Tolerance of the search: 1 mm.",
             _proportional(rows, "joint_zero_rms", by_joint, "Joint error", "mrad", "joint error, rms over joints"),
             _proportional(rows, "foot_error_rms", by_foot, "Foot error", "mm", "planar foot error, rms over feet"),
-        ]),
-    ]  # fmt: skip
+        ],
+    }
     lead = "`equipoise lab reproduce`, in simulation, on the built-in Unitree A1. Everything is seeded."
     return PageContents("Reproduction of the paper's results", "", lead, [], sections)
 

@@ -15,7 +15,6 @@ from equipoise.figures.blocks import (
     DataTable,
     Figure,
     PageContents,
-    Section,
     Trace,
     axes,
     level,
@@ -91,14 +90,13 @@ def slope_table(slopes: Sequence[Slope], method: str) -> DataTable:
 
 def study_page(study: Study, rows: Table, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> PageContents:
     """Return the page of a study."""
-    sections: list[Section] = []
+    sections: dict[str, Sequence[Block]] = {}
     for summary in summaries:
         covered = [_coverage(summary)] if any(error.coverage for error in summary.errors) else []
-        sections.append(Section(summary.method, summary.method, [*method_blocks(summary), *covered]))
+        sections[summary.method] = [*method_blocks(summary), *covered]
     for method in dict.fromkeys(slope.method for slope in slopes):
         figures = [_slope(rows, slope) for slope in slopes if slope.method == method]
-        title = f"{method}: planar error by source"
-        sections.append(Section(f"sources-{method}", title, [slope_table(slopes, method), *figures]))
+        sections[f"{method}: planar error by source"] = [slope_table(slopes, method), *figures]
     title = f"Monte Carlo study of {study.robot}"
     return PageContents(title, "", _conditions(study, summaries), [_distribution(rows, summaries)], sections)
 
