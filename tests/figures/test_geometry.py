@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise import nominal_stance
-from equipoise.clearance.stand_ins import LIMB_RADIUS_RATIO
+from equipoise.clearance.stand_ins import BASE_JOINT, LIMB_RADIUS_RATIO
 from equipoise.figures.geometry import (
-    BASE_JOINT,
     Mesh,
     _coarser,
     _mended,

@@ -34,12 +34,8 @@ def leg_limbs(robot: RobotModel, shown: Container[int]) -> Iterator[pin.Geometry
                 yield capsule(joint, np.zeros(3), end, radius * (_SHANK_SHARE if joint == leg.joint_ids[-1] else 1.0))
 
 
-def trunk_box(robot: RobotModel, around: float = 0.0) -> tuple[tuple[float, float, float], FloatArray]:
-    """Return the edges of a box around the hips, and its (3,) centre in the base frame [m].
-
-    Args:
-        around: margin on each side, over a limb's radius.
-    """
+def trunk_box(robot: RobotModel) -> tuple[tuple[float, float, float], FloatArray]:
+    """Return the edges of a box around the hips, and its (3,) centre in the base frame [m]."""
     hips, radius = hip_positions(robot), LIMB_RADIUS_RATIO * robot.leg_length
-    x, y, z = (np.ptp(hips, axis=0) + 2 * radius * np.array([around, around, 1 + around])).tolist()
+    x, y, z = (np.ptp(hips, axis=0) + np.array([0, 0, 2 * radius])).tolist()
     return (x, y, z), hips.mean(axis=0)

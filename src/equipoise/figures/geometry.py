@@ -1,14 +1,13 @@
 """Shapes of a robot's links, for reports and viewers.
 
-They are the visuals of the user's model file, if it is unchanged and all its meshes are readable. Otherwise they are the
-primitive collision shapes of the cleaned model. A link with neither gets a capsule, the base a box.
+They are the visuals of the user's model file, if it is unchanged and all its meshes are readable. A link without any gets the
+shapes that distances are computed with: simple collision shapes of the file, or else a capsule, and a box for the base.
 """
 
 from __future__ import annotations
 
 import hashlib
-import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from equipoise.clearance.stand_ins import BASE_JOINT, leg_limbs, trunk_box
+from equipoise.clearance.shapes import robot_shapes as simple_shapes
 from equipoise.conventions import FloatArray
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
@@ -82,8 +81,13 @@ def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Shap
     Args:
         most_faces: approximate largest number of faces of a mesh; finer meshes are simplified.
     """
-    found = _visuals(robot, most_faces) or _collisions(robot, most_faces)
-    return tuple(sorted([*found, *_stand_ins(robot, found)], key=lambda shape: shape.joint))
+    found = _visuals(robot, most_faces)
+    shown = {shape.joint for shape in found if shape.kind != "sphere"}
+    for shape in simple_shapes(robot).geometryObjects:
+        joint, feet = int(shape.parentJoint), {one.joint for one in found if one.kind == "sphere"}
+        if joint not in shown and not (joint in feet and type(shape.geometry).__name__ == "Sphere"):
+            found += _drawn(robot, joint, shape, shape.placement, most_faces)
+    return tuple(sorted(found, key=lambda shape: shape.joint))
 
 
 def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: FloatArray) -> list[Mesh]:
@@ -136,44 +140,40 @@ def _convex(points: FloatArray) -> Mesh:
 
 
 def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
-    """Return the visuals of the user's model file; empty if the file has changed or a mesh is not readable."""
+    """Return the visuals of the user's model file, on links of the same names; empty if one of its files was changed."""
     path = robot.source.path
     try:
         if hashlib.sha256(path.read_bytes()).hexdigest() != robot.source.sha256:
             return []
-        return list(_read(robot, path, robot.source.format, pin.GeometryType.VISUAL, most_faces))
+        model, geometry = _read(path, robot.source.format)
     except (OSError, ValueError, RuntimeError, IndexError):
         return []
-
-
-def _collisions(robot: RobotModel, most_faces: int) -> list[Shape]:
-    """Return the collision shapes of the cleaned model."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.xml"
-        path.write_text(robot.source.xml, encoding="utf-8")
-        return list(_read(robot, path, robot.source.format, pin.GeometryType.COLLISION, most_faces))
-
-
-def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_faces: int) -> Iterator[Shape]:
-    """Yield the shapes of a file on the robot's links, matched by link name."""
-    if model_format == "urdf":
-        folders = [str(folder) for folder in path.resolve().parents]  # to resolve package://NAME/... in
-        model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
-        geometry = pin.buildGeomFromUrdf(model, str(path), what, package_dirs=folders)
-    else:
-        model = pin.buildModelFromMJCF(str(path))
-        geometry = pin.buildGeomFromMJCF(model, str(path), what)
     links = {str(f.name): f for f in robot.pinocchio.frames if f.type == pin.FrameType.BODY}
+    found: list[Shape] = []
     for shape in geometry.geometryObjects:
         theirs = model.frames[shape.parentFrame]
-        ours = links.get(str(theirs.name))
-        form = None if ours is None else _form(shape, most_faces)
-        if ours is None or form is None:
-            continue
-        kind, mesh = form
-        joint = int(ours.parentJoint)
-        placement = ours.placement * theirs.placement.inverse() * shape.placement
-        yield Shape(joint, _part(robot, joint), kind, mesh.moved(placement))
+        if (ours := links.get(str(theirs.name))) is not None:
+            placement = ours.placement * theirs.placement.inverse() * shape.placement
+            found += _drawn(robot, int(ours.parentJoint), shape, placement, most_faces)
+    return found
+
+
+def _read(path: Path, model_format: str) -> tuple[pin.Model, pin.GeometryModel]:
+    """Return the model of a file, and its visuals."""
+    if model_format == "mjcf":
+        model = pin.buildModelFromMJCF(str(path))
+        return model, pin.buildGeomFromMJCF(model, str(path), pin.GeometryType.VISUAL)
+    folders = [str(folder) for folder in path.resolve().parents]  # to resolve package://NAME/... in
+    model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    return model, pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.VISUAL, package_dirs=folders)
+
+
+def _drawn(
+    robot: RobotModel, joint: int, shape: pin.GeometryObject, placement: pin.SE3, most_faces: int
+) -> list[Shape]:
+    """Return one shape of Pinocchio to draw; none for kinds that are not drawn."""
+    form = _form(shape, most_faces)
+    return [] if form is None else [Shape(joint, _part(robot, joint), form[0], form[1].moved(placement))]
 
 
 def _form(shape: Any, most_faces: int) -> tuple[Kind, Mesh] | None:
@@ -212,17 +212,6 @@ def _coarser(mesh: Mesh, most_faces: int) -> Mesh:
     faces = merged.reshape(-1)[mesh.faces]
     a, b, c = faces.T
     return Mesh(mesh.vertices[first], np.unique(faces[(a != b) & (b != c) & (c != a)], axis=0))
-
-
-def _stand_ins(robot: RobotModel, found: list[Shape]) -> Iterator[Shape]:
-    """Yield shapes for links without any, or with a foot sphere only."""
-    shown = {shape.joint for shape in found if shape.kind != "sphere"}
-    if BASE_JOINT not in shown:
-        edges, middle = trunk_box(robot, around=1.0)
-        yield Shape(BASE_JOINT, "base", "box", box(*edges).moved(pin.SE3(np.eye(3), middle)))
-    for limb in leg_limbs(robot, shown):
-        drawn = capsule(limb.geometry.radius, 2 * limb.geometry.halfLength).moved(limb.placement)
-        yield Shape(int(limb.parentJoint), _part(robot, limb.parentJoint), "capsule", drawn)
 
 
 def _part(robot: RobotModel, joint: int) -> Part:
