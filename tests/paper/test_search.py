@@ -73,23 +73,23 @@ def test_a_trial_goes_through_its_phases_in_order(trials):
 def test_the_last_bounds_are_within_the_tolerance_and_hold_the_balance(a1, tolerance):
     with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=tolerance)
-        found = find_support_vector(runner, "FL_RR", 0.06, -0.06)
-        lower, upper = found.bracket.lower, found.bracket.upper
+        bracket, lifts = find_support_vector(runner, "FL_RR", 0.06, -0.06)
+        lower, upper = bracket.lower, bracket.upper
         assert 0 <= upper - lower <= tolerance
-        forward = [lift.trial.offset for lift in found.lifts if lift.tilt.verdict == "forward"]
-        backward = [lift.trial.offset for lift in found.lifts if lift.tilt.verdict == "backward"]
+        forward = [lift.trial.offset for lift in lifts if lift.tilt.verdict == "forward"]
+        backward = [lift.trial.offset for lift in lifts if lift.tilt.verdict == "backward"]
         assert max(forward) == lower
         assert min(backward) == upper
-        assert lower <= found.offset <= upper
+        assert lower <= bracket.middle <= upper
     # The line is 0.9 mm off without the correction of the tipping onset, a quarter of the width in the bracket's middle.
-    assert abs(found.bracket.plane.distance_to(simulation.truth.composite.com)) < 0.4e-3
+    assert abs(bracket.plane.distance_to(simulation.truth.composite.com)) < 0.4e-3
 
 
 def test_halvings_follow_the_bracket(a1):
     with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=0.005)
-        found = find_support_vector(runner, "FR_RL", 0.06, -0.06)
-    offsets = list(dict.fromkeys(lift.trial.offset for lift in found.lifts))
+        _, lifts = find_support_vector(runner, "FR_RL", 0.06, -0.06)
+    offsets = list(dict.fromkeys(lift.trial.offset for lift in lifts))
     assert len(offsets) <= 6  # 120 mm to 5 mm takes five, as the paper's Fig. 3 shows about six
     assert offsets[0] == 0
 
@@ -97,9 +97,9 @@ def test_halvings_follow_the_bracket(a1):
 def test_a_bracket_that_misses_the_balance_is_widened_once(a1):
     with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=0.01)
-        found = find_support_vector(runner, "FL_RR", 0.06, 0.005)
-    assert -0.05 < found.offset < 0.005
-    assert any(lift.trial.offset == 0.005 for lift in found.lifts)  # the end was tried before widening
+        bracket, lifts = find_support_vector(runner, "FL_RR", 0.06, 0.005)
+    assert -0.05 < bracket.middle < 0.005
+    assert any(lift.trial.offset == 0.005 for lift in lifts)  # the end was tried before widening
 
 
 def test_a_com_beyond_the_widened_bracket_is_an_error_that_carries_the_trials(a1):

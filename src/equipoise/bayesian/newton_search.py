@@ -104,5 +104,5 @@ def _bisect(trials: BayesianTrials, diagonal: str) -> None:
     settings = ComSearchSettings()
     runner = TrialRunner(trials.standing, trials.stance, settings)
     lower, upper = settings.bounds(trials.stance)
-    vector = find_support_vector(runner, diagonal, upper, lower)
-    _move_onto(trials, vector.lifts[-1].plane)
+    _, lifts = find_support_vector(runner, diagonal, upper, lower)
+    _move_onto(trials, lifts[-1].plane)

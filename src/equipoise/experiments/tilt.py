@@ -34,14 +34,12 @@ class Tilt:
         across_line: size of the base's rotation about the normal [rad], which is small for a robot on a line.
         verdict: "forward", "backward", or "balanced" if the rotation is below the threshold.
         rise: height of the lifted feet above the standing ones, from the encoders [m].
-        lifted: True if `rise` is at least half of the commanded height; otherwise the robot is not balanced.
     """
 
     about_line: float
     across_line: float
     verdict: Verdict
     rise: float
-    lifted: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +129,7 @@ def tilt_of(robot: RobotModel, recording: Recording, trial: CommandedLift) -> Ti
     if abs(about_line) >= trial.tilt_threshold:
         verdict = "forward" if about_line > 0 else "backward"
     rise = _rise(robot, rest.joint_position, end, rest.up_in_base, diagonal)
-    return Tilt(about_line, abs(float(turned @ normal)), verdict, rise, rise >= 0.5 * trial.lift_height)
+    return Tilt(about_line, abs(float(turned @ normal)), verdict, rise)
 
 
 def support_plane_of(robot: RobotModel, recording: Recording, diagonal: str, stance: FloatArray) -> SupportPlane:

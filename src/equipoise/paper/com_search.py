@@ -8,60 +8,39 @@ that end. If the robot tips outward there, the bracket is widened once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NoReturn
 
-from equipoise.errors import MotionError, ReachError, SettingsError
+from equipoise.errors import MotionError, ReachError
 from equipoise.paper.bracket import Bracket, done, next_offset, step
 from equipoise.paper.lift_trial import LiftReading
 from equipoise.paper.trial_runner import TrialRunner, check_offset, check_search
-from equipoise.robot.model import DIAGONALS
 
 
-@dataclass(frozen=True, eq=False)
-class SupportVector:
-    """Result of Algorithm 1 on one diagonal.
-
-    Attributes:
-        diagonal: diagonal that the robot stood on, "FL_RR" or "FR_RL".
-        bracket: last bounds x_l and x_u [m]; equal if the robot stayed balanced there.
-        lifts: lift trials in the order they were done.
-    """
-
-    diagonal: str
-    bracket: Bracket
-    lifts: tuple[LiftReading, ...]
-
-    @property
-    def offset(self) -> float:
-        """Offset x_m at which the robot balances [m]."""
-        return self.bracket.middle
-
-
-def find_com(runner: TrialRunner) -> tuple[SupportVector, SupportVector]:
+def find_com(runner: TrialRunner) -> None:
     """Run Algorithm 2, FindCOM: find one support line per diagonal. `find_intersection` computes their crossing (line 5)."""
     x_l, x_u = runner.settings.bounds(runner.stance)  # Algorithm 2, line 1
     check_search(runner.standing.robot, runner.stance, runner.settings)
-    first = find_support_vector(runner, "FL_RR", x_u, x_l)  # line 3
-    second = find_support_vector(runner, "FR_RL", x_u, x_l)  # line 4
-    return first, second
+    find_support_vector(runner, "FL_RR", x_u, x_l)  # line 3
+    find_support_vector(runner, "FR_RL", x_u, x_l)  # line 4
 
 
-def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: float) -> SupportVector:
+def find_support_vector(
+    runner: TrialRunner, diagonal: str, x_u: float, x_l: float
+) -> tuple[Bracket, list[LiftReading]]:
     """Run Algorithm 1, FindSupportVector: find the offset of one diagonal's support line that balances the robot.
 
     Line numbers are the paper's. Lines 3 to 12 are one call: `TrialRunner.tilt_at` shifts the feet (3, 4).
     `lift_trial` then solves the inverse kinematics (5), moves until q is close to q_d (6-8), lifts the other diagonal's feet
     and waits for t_thres (9-12).
 
+    Returns:
+        last bounds x_l and x_u, equal if the robot stayed balanced there; and the lift trials in the order they were done.
+
     Raises:
         MotionError: the robot tips the same way at both ends of the widened bracket; it tips away from its CoM at both ends;
             or it did not come to rest at its target.
     """
-    if diagonal not in DIAGONALS:
-        raise SettingsError(f"diagonal is {diagonal!r}; it must be {' or '.join(DIAGONALS)}")
-    if not x_u > x_l:
-        raise SettingsError(f"the search bounds are the wrong way round: upper {x_u} m is not above lower {x_l} m")
     lifts: list[LiftReading] = []
     bracket = first = Bracket(x_l, x_u, runner.settings.tolerance, runner.heights[-1])
     while not done(bracket):  # line 1
@@ -70,7 +49,7 @@ def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: flo
         bracket = step(bracket, tried)  # lines 13 to 16
         if bracket.refuted:
             bracket = _widen(runner, diagonal, bracket, first, lifts)
-    return SupportVector(diagonal, bracket, tuple(lifts))  # line 19
+    return bracket, lifts  # line 19
 
 
 def _widen(runner: TrialRunner, diagonal: str, bracket: Bracket, first: Bracket, lifts: list[LiftReading]) -> Bracket:

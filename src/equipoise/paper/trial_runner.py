@@ -23,6 +23,7 @@ from equipoise.robot.stance import Stance
 # Capture point of a robot at a bound when it lands on its lifted feet, as a fraction of the distance to the edge of its feet.
 # Larger than in a planned lift, because a search reaches its bounds only if the CoM is near them.
 _LANDING = 0.8
+_LIFTED = 0.5  # of the commanded height: with feet that rose less, the robot may not be balanced
 
 Report = Callable[[str, str, int], None]
 """Function of the next trial's diagonal, the trial's description and the number of halvings left."""
@@ -69,11 +70,11 @@ class TrialRunner:
             if lifts[-1].tilt.verdict != "balanced":
                 self._rung = rung
                 return lifts[-1].tried
-        tilt = lifts[-1].tilt
-        if not tilt.lifted:
+        tilt, commanded = lifts[-1].tilt, lifts[-1].trial.lift_height
+        if tilt.rise < _LIFTED * commanded:
             raise MotionError(
                 f"no tilt was measured on {diagonal}: the feet rose by only {tilt.rise * 1000:.1f} mm of the commanded "
-                f"{lifts[-1].trial.lift_height * 1000:.1f} mm; check that the feet are free and the gains are plausible",
+                f"{commanded * 1000:.1f} mm; check that the feet are free and the gains are plausible",
                 tuple(lift.recording for lift in lifts),
             )
         return lifts[-1].tried
