@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from itertools import product
 from unittest import mock
 
@@ -19,7 +18,6 @@ from equipoise.bayesian import lift_design
 from equipoise.bayesian.planning.nominal import nominal_candidates
 from equipoise.method.combined import CombinedMethod
 from equipoise.motors.method import Motors
-from equipoise.robot.stance import Stance
 from equipoise.user_cache import VARIABLE
 
 SEEDS = 2
@@ -34,16 +32,10 @@ METHODS: dict[str, Method] = {
 }
 
 
-def longer_watch(stance: Stance) -> lift_design.Times:
-    """Return the durations of a lift trial that is watched for 0.45 s on an A1."""
-    return replace(_TIMES(stance), watch=0.45 * stance.scale.time)
-
-
-_TIMES = lift_design.Times.of
 DESIGNS: dict[str, Sequence[tuple[object, str, object]]] = {
     "support line 3 mm from the CoM": [(lift_design, "_OFFSET", 0.003)],
     "support line 10 mm from the CoM": [(lift_design, "_OFFSET", 0.010)],
-    "windows to 0.10 rad or 0.45 s": [(lift_design, "_TILT_LIMIT", 0.10), (lift_design.Times, "of", longer_watch)],
+    "windows to 0.10 rad or 0.45 s": [(lift_design, "_TILT_LIMIT", 0.10), (lift_design, "_WATCH_TIME", 0.45)],
 }
 CHOICES = (*METHODS, *DESIGNS)
 

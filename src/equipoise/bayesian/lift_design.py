@@ -24,6 +24,7 @@ _LIFT = 0.024  # [m]
 _OFFSET = 0.006  # [m] from CoM to support line: the robot tips within the time on two feet
 _TILT_LIMIT = 0.06  # [rad]
 _STILL = 0.004  # [rad/s]; a base that oscillates at 6 mrad/s moves the accelerometer's vertical by a milliradian
+_WATCH_TIME = 0.35  # [s] on two feet of a passive lift
 _TURN_TIME = 1 / 3  # [s] of one rotation of the body and back, or of the lifted feet's swing
 _SWING = 0.07  # [m] amplitude of the lifted feet's swing, before the envelope of `amounts`
 AMPLITUDES: dict[Axis, float] = {"roll": 0.10, "pitch": 0.05, "yaw": 0.06}
@@ -68,7 +69,7 @@ class LiftDesign:
 
     def amounts(self, stance: Stance, control_period: float) -> FloatArray:
         """Return the (n,) displacements at each control period: once to and fro, from rest to rest."""
-        count = round(Times.of(stance).turn / control_period)
+        count = round(_TURN_TIME * stance.scale.time / control_period)
         phase = np.arange(1, count + 1) / count
         return self.amplitude(stance) * np.sin(2 * np.pi * phase) * np.sin(np.pi * phase)
 
@@ -83,31 +84,17 @@ class LiftDesign:
         return feet
 
 
-@dataclass(frozen=True)
-class Times:
-    """Durations of the parts of a trial [s]."""
-
-    settle: float
-    move: float
-    watch: float
-    turn: float
-
-    @classmethod
-    def of(cls, stance: Stance) -> Times:
-        """Return the durations for a robot of the stance's size."""
-        clock = stance.scale.time
-        return cls(settle=0.12 * clock, move=0.3 * clock, watch=0.35 * clock, turn=_TURN_TIME * clock)
-
-
 def lift_settings(stance: Stance) -> LiftSettings:
     """Return the heights and times of the lifts."""
-    times, clock = Times.of(stance), stance.scale.time
+    clock = stance.scale.time
     return replace(
         LiftSettings.of(stance, _LIFT * stance.scale.length),
-        settle_time=times.settle,
+        move_time=0.3 * clock,
+        settle_time=0.12 * clock,
         rest_time=0.3 * clock,
         unload_time=0.12 * clock,
         lift_time=0.12 * clock,
+        watch_time=_WATCH_TIME * clock,
         lower_time=0.15 * clock,
         step_time=0.07 * clock,
         tilt_limit=_TILT_LIMIT,

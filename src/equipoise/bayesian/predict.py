@@ -13,7 +13,6 @@ import numpy as np
 
 from equipoise.bayesian.lift_design import (
     LiftDesign,
-    Times,
     lift_feet,
     lift_settings,
     offset_of,
@@ -80,9 +79,9 @@ class Predictor:
     @cached_property
     def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Sample times of a lift, and covariances of smoothed joint velocities, angular velocities and specific forces."""
-        times, clock = Times.of(self.stance), self.stance.scale.time
-        sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / RATE)
-        time = np.arange(REACH, times.watch - REACH, _STEP * clock)
+        watch, clock = lift_settings(self.stance).watch_time, self.stance.scale.time
+        sensed = np.arange(-0.06 * clock, watch + 0.06 * clock, 1 / RATE)
+        time = np.arange(REACH, watch - REACH, _STEP * clock)
         blank = np.zeros((len(sensed), 1))
         joints = fit_spline(sensed, blank, KNOT, blank, ENCODER_NOISE / VELOCITY_NOISE, REACH)
         of_imu = fit_spline(sensed, blank, KNOT, reach=REACH).noise(time)

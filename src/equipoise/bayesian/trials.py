@@ -6,7 +6,6 @@ import numpy as np
 
 from equipoise.bayesian.lift_design import (
     LiftDesign,
-    Times,
     lift_feet,
     lift_settings,
     offset_of,
@@ -60,7 +59,7 @@ class BayesianTrials:
 
     def __init__(self, standing: StandingRobot, stance: Stance, com: FloatArray) -> None:
         self.standing, self.stance, self.com = standing, stance, com
-        self.settings, self.times = lift_settings(stance), Times.of(stance)
+        self.settings = lift_settings(stance)
         self.com_covariance = initial_covariance(stance)
         self._lifted = False
         self._drift = np.zeros(2)  # CoM over the feet minus its commanded position, in the stance's axes [m]
@@ -109,7 +108,7 @@ class BayesianTrials:
         motion = self.standing.motion().begin(trial).phase(Phase.READY)
         if self._lifted:
             level = feet_in_posture(self.stance, self.com, BodyPosture())
-            motion.move_feet(level, self._move_time(level, self.times.move))
+            motion.move_feet(level, self._move_time(level, self.settings.move_time))
             replant(motion, level, next(iter(DIAGONALS)), self.settings)
             self._lifted = False
         return come_to_rest(self.standing, motion, self.settings, when, rest_phase=Phase.BEFORE)
@@ -117,7 +116,7 @@ class BayesianTrials:
     def _move_over(self, feet: FloatArray, posture: BodyPosture, when: str) -> Recording:
         """Move to a posture, rest, update the drift of the CoM, and return the whole trial."""
         motion = self.standing.motion().phase(Phase.MOVE)
-        motion.move_feet(feet, self._move_time(feet, self.times.move))
+        motion.move_feet(feet, self._move_time(feet, self.settings.move_time))
         rested = come_to_rest(self.standing, motion, self.settings, when)
         diagonal = next(iter(DIAGONALS))
         tipping = tipping_from(self.standing, rested.phase(Phase.REST), diagonal)
@@ -151,7 +150,7 @@ class BayesianTrials:
         up = self.standing.motion().phase(Phase.UNLOAD).shift_load(stance_legs, settings.unload_time)
         up.phase(Phase.LIFT).move_feet(lifted, settings.lift_time).phase(Phase.WATCH)
         if design.passive:
-            up.hold(self.times.watch)
+            up.hold(self.settings.watch_time)
         else:
             amounts = design.amounts(self.stance, self.standing.platform.control_period)
             up.follow(lambda amount: design.feet(lifted, self.com, amount), 9, amounts)
@@ -169,7 +168,7 @@ class BayesianTrials:
         """Move until the measured CoM is at its designed distance from the line; return feet as `lift_feet`."""
         feet, lifted = self._feet(design)
         for left in reversed(range(_AIMS)):
-            motion.phase(Phase.MOVE).move_feet(feet, self._move_time(feet, self.times.move * 2 / 3))
+            motion.phase(Phase.MOVE).move_feet(feet, self._move_time(feet, self.settings.move_time * 2 / 3))
             settled = settle(self.standing, motion, self.settings, f"before a lift on {design.diagonal}")
             tipping = tipping_from(self.standing, still_part(settled, self.settings), design.diagonal)
             self._drift = self._drift_of(tipping, design.diagonal, design.posture)
@@ -200,12 +199,12 @@ class BayesianTrials:
         """Wait until the robot that tipped is back in its posture; return False if it is not: a step would tip it over."""
         rotation = np.array(self.standing.robot.imu_in_base.rotation)
         for _ in range(_LONGEST_RECOVERY):
-            end = landed.imu.time[-1] - _RECOVERY_LOOK * self.times.settle
+            end = landed.imu.time[-1] - _RECOVERY_LOOK * self.settings.settle_time
             gravity = rotation @ landed.between(end, np.inf).imu.acceleration_in_imu.mean(axis=0)
             lean = float(np.arccos(np.clip(gravity @ posture.rotation[2] / np.linalg.norm(gravity), -1, 1)))
             if lean < _RECOVERED:
                 return True
-            landed = self.standing.play(self.standing.motion().hold(self.times.settle))
+            landed = self.standing.play(self.standing.motion().hold(self.settings.settle_time))
         return False
 
     def _move_time(self, feet: FloatArray, least: float) -> float:
