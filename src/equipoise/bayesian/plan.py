@@ -191,9 +191,8 @@ def make_plan(
     left = budget - reserved - durations.end - turn * durations.turn
     if not searched:
         left -= durations.search
-        for index, lift in enumerate(candidates.lifts):
-            if lift.posture == candidates.lifts[0].posture and lift.passive:
-                information += 2 * candidates.information(index)
+        for index in candidates.search:
+            information += 2 * candidates.information(index)
     total = budget - left
     covariance = np.asarray(np.linalg.inv(information), dtype=float)
     parts = [_Part(candidates, Steps(candidates, covariance, weights), left / (1 + turn), used)]

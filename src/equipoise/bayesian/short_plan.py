@@ -49,7 +49,8 @@ def short_plan(robot: RobotModel, stance: Stance, settings: BayesianSettings, pr
     opening = opening_moves(candidates, prior_run)
     # As in other plans, the mass is assumed to come from a scale, or to be as accurate from torques.
     information = information_before(candidates, prior_run, {}, settings.scale or (robot.mass, SCALE_GAIN * robot.mass))
-    for index in (*_moves(candidates, opening), *_search(candidates)):
+    moves = [len(candidates.lifts) + candidates.postures.index(posture) for posture in opening]
+    for index in (*moves, *candidates.search):
         information = information + candidates.information(index)
     spent = len(opening) * durations.posture + len(DIAGONALS) * durations.lift
     budget = settings.duration_for(stance)
@@ -127,12 +128,3 @@ def information_before(
     weighed = None if mass is None else (candidates.predictor.robot.mass, mass[1])
     _, rows = prior_rows(unknowns.with_prior(prior_run.distribution(unknowns, variances)), unknowns.start(), weighed)
     return rows.T @ rows
-
-
-def _moves(candidates: Candidates, postures: tuple[BodyPosture, ...]) -> list[int]:
-    return [len(candidates.lifts) + candidates.postures.index(posture) for posture in postures]
-
-
-def _search(candidates: Candidates) -> list[int]:
-    home = candidates.lifts[0].posture
-    return [k for k, lift in enumerate(candidates.lifts) if lift.posture == home and lift.passive]

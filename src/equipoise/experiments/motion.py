@@ -72,6 +72,7 @@ class Motion:
 
     Attributes:
         target: targets at the end of the motion so far.
+        count: number of control periods so far.
         slowed: factor by which the last path is slower than requested.
     """
 
@@ -82,20 +83,15 @@ class Motion:
         self._positions: list[FloatArray] = []
         self._torques: list[FloatArray] = []
         self._events: list[Event] = []
-        self._periods = 0
+        self.count = 0
         self._limp = False
         self._path_start, self.slowed = 0.0, 1.0
         self._gains: tuple[FloatArray, FloatArray] | None = None
 
     @property
-    def count(self) -> int:
-        """Number of control periods planned so far."""
-        return self._periods
-
-    @property
     def time(self) -> float:
         """Time planned so far [s]."""
-        return self._periods * self.control_period
+        return self.count * self.control_period
 
     def event(self, name: str, /, **data: Any) -> Motion:
         """Add an event at the end of the motion so far."""
@@ -220,7 +216,7 @@ class Motion:
         position, torque = self._slow_enough(position, np.broadcast_to(torque, position.shape))
         self._positions.append(position)
         self._torques.append(torque)
-        self._periods += len(position)
+        self.count += len(position)
         self.target = replace(self.target, joint_position=position[-1], torque=self._torques[-1][-1])
 
     def _slow_enough(self, position: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray]:

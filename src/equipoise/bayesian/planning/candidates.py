@@ -102,6 +102,12 @@ class Candidates:
         found._inform()
         return found
 
+    @property
+    def search(self) -> list[int]:
+        """Indices of the lifts that the search does."""
+        home = self.lifts[0].posture
+        return [index for index, lift in enumerate(self.lifts) if lift.posture == home and lift.passive]
+
     def information(self, index: int) -> FloatArray:
         """Return the (size, size) information of a lift, or of a posture's move, by its index in `rows`."""
         return self.rows[index].T @ self.rows[index]
