@@ -114,6 +114,11 @@ def half_difference(posterior: Posterior) -> FloatArray:
     return first - second
 
 
+def _judged(name: str, passed: bool, message: str, remedy: str) -> Check:
+    """Return a check whose message ends with cause and remedy if it failed."""
+    return Check(name, passed, message if passed else f"{message}. {remedy}")
+
+
 def _sufficient_data(posterior: Posterior) -> Check:
     motions, on_two_feet = posterior.motions, posterior.residuals_of(TiltEquation)
     steps = sum(one.used for one in on_two_feet if motions[one.motion].lift is None)
@@ -128,9 +133,8 @@ def _sufficient_data(posterior: Posterior) -> Check:
     lifts = used - steps
     tried = lifts + sum(isinstance(motion.trial, LiftTrial) for motion in left_out)
     passed = used >= _FEWEST_LIFTS and lifts >= 0.7 * tried
-    if not passed:
-        message += f". At least {_FEWEST_LIFTS} lifts or steps, and 70 % of all lifts, must be usable: repeat the run"
-    return Check("sufficient data", passed, message)
+    remedy = f"At least {_FEWEST_LIFTS} lifts or steps, and 70 % of all lifts, must be usable: repeat the run"
+    return _judged("sufficient data", passed, message, remedy)
 
 
 def _lift_residuals(posterior: Posterior) -> Check:
@@ -139,12 +143,8 @@ def _lift_residuals(posterior: Posterior) -> Check:
         return Check("lift residuals", False, "no lifts: the estimate uses joint torques alone. Record lift trials")
     walked = all(motions[one.motion].lift is None for one in lifts)
     message = _residual_summary(motions, lifts, "steps" if walked else "lifts")
-    passed = _residuals_pass(lifts)
-    if not passed:
-        message += (
-            f". Feet slip, {_OUTSIDE}, a load shifts, samples are missing, or the model or a sensor is wrong. {_REPEAT}"
-        )
-    return Check("lift residuals", passed, message)
+    remedy = f"Feet slip, {_OUTSIDE}, a load shifts, samples are missing, or the model or a sensor is wrong. {_REPEAT}"
+    return _judged("lift residuals", _residuals_pass(lifts), message, remedy)
 
 
 def _stance_motion_residuals(posterior: Posterior) -> Check:
@@ -154,13 +154,11 @@ def _stance_motion_residuals(posterior: Posterior) -> Check:
             return Check(name, True, "not tested: a walk has no stance motions; joint offsets keep their priors")
         return Check(name, False, "no stance motions to separate joint offsets from the CoM. Record stance motions")
     message = _residual_summary(motions, moves, "stance motions")
-    passed = _residuals_pass(moves)
-    if not passed:
-        message += (
-            ". The feet do not stay in place: they slip, the legs differ from the model (lengths, foot frames), an encoder is "
-            f"wrong, or {_OUTSIDE}. {_REPEAT}"
-        )
-    return Check(name, passed, message)
+    remedy = (
+        "The feet do not stay in place: they slip, the legs differ from the model (lengths, foot frames), an encoder is "
+        f"wrong, or {_OUTSIDE}. {_REPEAT}"
+    )
+    return _judged(name, _residuals_pass(moves), message, remedy)
 
 
 def _residuals_pass(residuals: tuple[MotionResidual, ...]) -> bool:
@@ -205,9 +203,7 @@ def _leave_one_out(posterior: Posterior) -> Check:
         f"{'largest effect of one motion: ' if passed else ''}without {kind} {motion}, {called(COMPONENTS[component])} "
         f"changes by {largest:.1f} standard deviations (limit {_OUTLYING_SHIFT:g})"
     )
-    if not passed:
-        message += ". A disturbance of this motion is likely: repeat the run"
-    return Check("leave-one-out", passed, message)
+    return _judged("leave-one-out", passed, message, "A disturbance of this motion is likely: repeat the run")
 
 
 def _held_out_prediction(predicted: HeldOut) -> Check:
@@ -218,12 +214,11 @@ def _held_out_prediction(predicted: HeldOut) -> Check:
     message = f"{predicted.message()}; rms error {size:.1f} standard deviations (limit {limit:.1f})"
     if passed and predicted.error(FOUND) > predicted.error(MODEL):
         message += ". The model file predicts at least as well: increase --duration to distinguish the two"
-    if not passed:
-        message += (
-            ". One posture contradicts the others: the legs differ from the model (lengths, hips), a part bends or swings, a "
-            f"foot slips, {_OUTSIDE}, or the floor is uneven. {_REPEAT}"
-        )
-    return Check(HELD_OUT_CHECK, passed, message)
+    remedy = (
+        "One posture contradicts the others: the legs differ from the model (lengths, hips), a part bends or swings, a "
+        f"foot slips, {_OUTSIDE}, or the floor is uneven. {_REPEAT}"
+    )
+    return _judged(HELD_OUT_CHECK, passed, message, remedy)
 
 
 def _rms_by_chance(count: int) -> float:
@@ -318,11 +313,8 @@ def _change_during_run(posterior: Posterior) -> Check:
         f"{'largest change during the run: ' if passed else ''}from motion {start} on, {called(COMPONENTS[component])} "
         f"differs by {change:+.4f} {unit}, {largest:.1f} standard deviations (limit {_STEADY:g})"
     )
-    if not passed:
-        message += (
-            f". A payload or part moved, sensors drift, or {_OUTSIDE}. Fasten parts, warm up the IMU, repeat the run"
-        )
-    return Check("change during the run", passed, message)
+    remedy = f"A payload or part moved, sensors drift, or {_OUTSIDE}. Fasten parts, warm up the IMU, repeat the run"
+    return _judged("change during the run", passed, message, remedy)
 
 
 def _sensor_errors(posterior: Posterior) -> Check:
@@ -337,9 +329,8 @@ def _sensor_errors(posterior: Posterior) -> Check:
     named = ", ".join(f"{name} ({size:.1f})" for size, name in worst[:3])
     passed = worst[0][0] < _IMPLAUSIBLE
     message = f"largest errors, in prior standard deviations (limit {_IMPLAUSIBLE:g}): {named}"
-    if not passed:
-        message += f". A sensor is faulty, the model file is of another robot, or {_OUTSIDE}. {_REPEAT}"
-    return Check("sensor errors", passed, message)
+    remedy = f"A sensor is faulty, the model file is of another robot, or {_OUTSIDE}. {_REPEAT}"
+    return _judged("sensor errors", passed, message, remedy)
 
 
 def _physical_parameters(posterior: Posterior) -> Check:
@@ -404,12 +395,11 @@ def _torque_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
     )
     agree = masses is None or not masses.disagrees
     passed = agree and size < _IMPLAUSIBLE and residual < _TORQUE_RESIDUAL
-    if not passed:
-        message += (
-            f". The given mass is wrong, torques are not joint torques in Nm, or {_OUTSIDE}. Weigh the robot again, and check "
-            "the units of torques"
-        )
-    return Check(name, passed, message)
+    remedy = (
+        f"The given mass is wrong, torques are not joint torques in Nm, or {_OUTSIDE}. Weigh the robot again, and check "
+        "the units of torques"
+    )
+    return _judged(name, passed, message, remedy)
 
 
 def _left_and_right(posterior: Posterior) -> Check:
@@ -430,9 +420,7 @@ def _left_and_right(posterior: Posterior) -> Check:
                 worst, name = abs(difference) / allowed, ("front" if left == 0 else "rear") + f" link {link + 1}"
     passed = worst < _LEGS_DIFFER
     message = f"largest left-right mass difference: {name or 'none'}, {worst:.1f} standard deviations (limit {_LEGS_DIFFER:g})"
-    return Check(
-        "left and right", passed, message if passed else f"{message}. Look for a part or damage on one of these legs"
-    )
+    return _judged("left and right", passed, message, "Look for a part or damage on one of these legs")
 
 
 def _support_planes(posterior: Posterior) -> Check:
@@ -450,6 +438,4 @@ def _support_planes(posterior: Posterior) -> Check:
         f"the support planes of {len(lifts)} lifts meet {x:+.1f} {y:+.1f} {z:+.1f} mm from the estimated CoM (base axes); "
         f"limits: {1000 * planar:.0f} mm horizontally, {1000 * height:.0f} mm in height (sensor biases not corrected)"
     )
-    if not passed:
-        message += ". Check the IMU's mounting and the model file"
-    return Check("support planes", bool(passed), message)
+    return _judged("support planes", bool(passed), message, "Check the IMU's mounting and the model file")
