@@ -31,14 +31,10 @@ from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 
 _MASS_STD = 0.005  # std as a fraction: the plan assumes a mass from a scale, or one as accurate from torques
-# Measured robot time on an A1, settling included [s]; it scales with the square root of the robot's height.
-_LIFT_TIME, _POSTURE_TIME, _REPLANT_TIME = 2.6, 2.1, 1.5
 FEW_LIFTS = 10
 """Number of possible lifts below which each is repeated: motors too weak for most, or a robot too uncertain."""
 SEARCH = "search, nominal"
 """Name of the search in plans and dry runs."""
-_END_TIME = 2.0  # [s] to return to the stance, on an A1
-_TURN_TIME = 11.0  # [s] to lie down, stand up and rest, on an A1, without the operator's time to turn it
 
 
 @dataclass(frozen=True)
@@ -130,26 +126,23 @@ _IN_JSON = ("diagonal", "side", "turn", "swing")
 
 @dataclass(frozen=True)
 class Durations:
-    """Robot time of the parts of a calibration [s].
+    """Robot time of the parts of a calibration, as measured on an A1, settling included [s].
 
-    `replant` is added to the first posture after lifts. `turn` excludes the operator's time to turn the robot.
+    It scales with the square root of the robot's height. `replant` is added to the first posture after lifts, `end` is the
+    return to the stance. `turn` is to lie down, stand up and rest, without the operator's time to turn the robot.
     """
 
-    posture: float
-    replant: float
-    lift: float
-    search: float
-    end: float
-    turn: float
+    posture: float = 2.1
+    replant: float = 1.5
+    lift: float = 2.6
+    search: float = 10.4
+    end: float = 2.0
+    turn: float = 11.0
 
     @classmethod
     def of(cls, stance: Stance) -> Durations:
         """Return the durations for a robot of the stance's size."""
-        clock = stance.scale.time
-        return cls(
-            clock * _POSTURE_TIME, clock * _REPLANT_TIME, clock * _LIFT_TIME, clock * 4 * _LIFT_TIME, clock * _END_TIME,
-            clock * _TURN_TIME,
-        )  # fmt: skip
+        return cls(*(stance.scale.time * on_a1 for on_a1 in vars(cls()).values()))
 
 
 def make_plan(
