@@ -20,7 +20,8 @@ from equipoise.errors import EquipoiseError, MotionError, ReachError
 from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.equations.leg_swing import LegSwings
 from equipoise.estimator.motions import read_motions
-from equipoise.estimator.problem import Posterior, estimate_posterior, prior_rows
+from equipoise.estimator.prior_runs.changes import Change, estimate_with_prior_run
+from equipoise.estimator.problem import Posterior, prior_rows
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.experiments.turn import check_turn
@@ -83,6 +84,7 @@ class BayesianRoutine:
         self._recordings, self._report = recordings, report
         self.trials = BayesianTrials(standing, stance, composite_parameters(self.robot, stance.joint_position).com)
         self._obstacles: list[str] = []
+        self._changes: tuple[Change, ...] = ()
         self._expected = 0
 
     def run(self) -> None:
@@ -166,15 +168,17 @@ class BayesianRoutine:
             return False
         return True
 
-    def _posterior(self) -> Posterior | None:
+    def _posterior(self, lifts_needed: bool = True) -> Posterior | None:
         """Return the posterior of the recordings so far; None if it cannot be estimated."""
+        priors, scale, prior_run = self.settings.combined_priors, self.settings.scale, self.settings.prior_run
         try:
             motions = read_motions(self.robot, self.stance, self._recordings)
-            return estimate_posterior(
-                self.robot, self.stance, motions, self.settings.combined_priors, self.settings.scale, rounds=1
+            posterior, self._changes = estimate_with_prior_run(
+                self.robot, self.stance, motions, priors, scale, prior_run, lifts_needed, rounds=1
             )
         except (EquipoiseError, np.linalg.LinAlgError):
             return None
+        return posterior
 
     def _good_enough(self, posterior: Posterior) -> bool:
         goals = self.settings.goals.vector(components(posterior.robot_body), self.stance)

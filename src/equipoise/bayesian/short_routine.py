@@ -10,9 +10,6 @@ from equipoise.bayesian.planning.candidates import describe
 from equipoise.bayesian.planning.nominal import nominal_candidates
 from equipoise.bayesian.routine import BayesianRoutine
 from equipoise.bayesian.short_plan import information_before, opening_moves, plan_after_search
-from equipoise.errors import EquipoiseError
-from equipoise.estimator.motions import read_motions
-from equipoise.estimator.prior_runs.changes import Change, estimate_with_prior_run
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import Posterior
 from equipoise.robot.inertial import composite_parameters
@@ -24,8 +21,6 @@ _LARGEST_STD = 0.05  # of the hip height: largest std of a planar CoM from stanc
 
 class ShortRoutine(BayesianRoutine):
     """Experiment on a standing robot; the prior run's base is used only to start the search."""
-
-    _changes: tuple[Change, ...] = ()
 
     @property
     def _prior_run(self) -> PriorRun:
@@ -54,17 +49,6 @@ class ShortRoutine(BayesianRoutine):
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts
         self._visit(plan, 0, len(plan.visits), done)
         self._refuse_few(done, _FEWEST_LIFTS)
-
-    def _posterior(self, lifts_needed: bool = True) -> Posterior | None:
-        try:
-            motions = read_motions(self.robot, self.stance, self._recordings)
-            priors, scale = self.settings.combined_priors, self.settings.scale
-            posterior, self._changes = estimate_with_prior_run(
-                self.robot, self.stance, motions, priors, scale, self._prior_run, lifts_needed
-            )
-        except (EquipoiseError, np.linalg.LinAlgError):
-            return None
-        return posterior
 
     def _rest(self, posterior: Posterior | None) -> Plan:
         """Plan the remaining time."""

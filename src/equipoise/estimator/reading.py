@@ -12,7 +12,6 @@ from equipoise.estimator.measurements.support_planes import support_planes
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.prior_runs.changes import estimate_with_prior_run
 from equipoise.estimator.prior_runs.prior_run import PriorRun
-from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
 from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.recording.recording import Recording
@@ -59,11 +58,9 @@ class BayesianReading:
     def estimate(self, trials: int) -> ComEstimate:
         """Estimate the CoM from the first trials."""
         motions = self._motions[:trials]
-        arguments = (self._robot, self._stance, motions, self._priors, self._scale)
         lifts = any(motion.lift for motion in motions)
-        if self._prior_run is None:
-            posterior = estimate_posterior(*arguments, lifts_needed=lifts)
-        else:
-            posterior, _ = estimate_with_prior_run(*arguments, self._prior_run, lifts_needed=lifts)
+        posterior, _ = estimate_with_prior_run(
+            self._robot, self._stance, motions, self._priors, self._scale, self._prior_run, lifts
+        )
         covariance = posterior.robot_covariance[1:4, 1:4]
         return ComEstimate(trials, posterior.robot_body.com, NORMAL_95 * np.sqrt(np.diag(covariance)), covariance)

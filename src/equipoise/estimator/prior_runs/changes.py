@@ -23,7 +23,7 @@ from equipoise.conventions import FloatArray
 from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.parameters import PriorDistribution, Unknowns
 from equipoise.estimator.prior_runs.prior_run import PriorRun
-from equipoise.estimator.problem import MapProblem, Posterior
+from equipoise.estimator.problem import MapProblem, Posterior, estimate_posterior
 from equipoise.estimator.solve import descend, solve
 from equipoise.estimator.unknowns import Priors, Unknown
 from equipoise.result.findings import Check, SensorFinding
@@ -99,20 +99,24 @@ def estimate_with_prior_run(
     motions: Sequence[MotionSamples],
     priors: Priors,
     mass: tuple[float, float] | None,
-    prior_run: PriorRun,
+    prior_run: PriorRun | None,
     lifts_needed: bool = True,
+    rounds: int = 2,
 ) -> tuple[Posterior, tuple[Change, ...]]:
-    """Estimate the posterior from all motions and a prior run, and the changes since that.
+    """Estimate the posterior from all motions and a prior run, if any, and the changes since that.
 
     Args:
         priors: as from `PriorRun.priors_of`.
         mass: mass of the whole robot from a scale, and its standard deviation [kg].
         lifts_needed: True to require a lift; False to accept joint torques alone.
+        rounds: number of times that noise levels are renewed without a prior run.
 
     Raises:
         RecordingError: no lift trial can be used, nor joint torques where they suffice.
         SettingsError: the prior run is of another robot.
     """
+    if prior_run is None:
+        return estimate_posterior(robot, stance, motions, priors, mass, rounds, lifts_needed), ()
     prior_run.check(robot)
     problem = MapProblem(robot, stance, motions, priors, mass, lifts_needed)
     unknowns = problem.unknowns
