@@ -49,7 +49,7 @@ def test_a_replan_without_lifts_is_ignored_while_lifts_are_too_few(a1, monkeypat
     def replan(routine, posterior, done):
         replanned.append(len(done))
         candidates = routine._candidates()
-        return make_plan(candidates, 1.0, known=np.eye(candidates.unknowns.size), searched=True)
+        return make_plan(candidates, 1.0, known=np.eye(candidates.unknowns.size))
 
     monkeypatch.setattr(BayesianRoutine, "_replan", replan)
     monkeypatch.setattr(bayesian_routine, "_REPLAN_AT", 0.1)

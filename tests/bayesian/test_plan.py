@@ -177,13 +177,13 @@ def test_plans_depend_on_their_goals(narrow):
 
 
 def test_current_information_is_used(candidates, plans):
-    after = make_plan(candidates, 30.0, known=1e12 * np.eye(candidates.unknowns.size), searched=True)
+    after = make_plan(candidates, 30.0, known=1e12 * np.eye(candidates.unknowns.size))
     assert (after.std < 1e-3 * plans[30.0].std).all()
 
 
 def test_a_replan_without_time_is_empty(candidates):
     known = np.eye(candidates.unknowns.size)
-    assert make_plan(candidates, 1.0, known=known, searched=True).visits == ()
+    assert make_plan(candidates, 1.0, known=known).visits == ()
 
 
 def test_the_plan_is_json(plans):

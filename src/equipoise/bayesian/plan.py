@@ -151,7 +151,6 @@ def make_plan(
     goals: Goals | None = None,
     known: FloatArray | None = None,
     used: Sequence[LiftDesign] = (),
-    searched: bool = False,
     turn: bool = False,
     reserved: float = 0.0,
     after: FloatArray | None = None,
@@ -161,9 +160,8 @@ def make_plan(
     Args:
         budget: remaining robot time [s].
         goals: standard deviations by which variances are weighted.
-        known: (size, size) current information; default: that of the priors, a mass, and the search.
+        known: (size, size) information after the search; default: that of the priors, a mass, and a search still to come.
         used: completed lifts; they are repeated only if few lifts are possible.
-        searched: True if the search is done and part of `known`.
         turn: True if the robot is turned half-way; trials before it may be repeated after it.
         reserved: part of the budget for the excitation that follows, if any [s].
         after: (size, size) information from later motions, which does not affect the selection; default none.
@@ -182,7 +180,7 @@ def make_plan(
     weights = to_body / goals.vector(body, candidates.predictor.stance)[:, None]
     information = prior.copy() if known is None else known.copy()
     left = budget - reserved - durations.end - turn * durations.turn
-    if not searched:
+    if known is None:
         left -= durations.search
         for index in candidates.search:
             information += 2 * candidates.information(index)
@@ -202,7 +200,7 @@ def make_plan(
             each.steps.update(taken, covariance)
         covariance = np.asarray(np.linalg.inv(information), dtype=float)
         total += cost
-    if not any(part.lifts for part in parts) and not searched:
+    if not any(part.lifts for part in parts) and known is None:
         least = durations.search + durations.posture + durations.replant + durations.lift + durations.end
         least += turn * (least - durations.search - durations.end + durations.turn)
         raise SettingsError(

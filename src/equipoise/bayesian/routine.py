@@ -215,8 +215,8 @@ class BayesianRoutine:
         information = rows.T @ rows + sum(posterior.information.values())
         left, candidates = self._budget - self._time(), self._candidates()
         if self.settings.rotate_halfway:
-            return make_plan(candidates.turned(), left, self.settings.goals, information, searched=True)
-        return make_plan(candidates, left, self.settings.goals, information, done, searched=True)
+            return make_plan(candidates.turned(), left, self.settings.goals, information)
+        return make_plan(candidates, left, self.settings.goals, information, done)
 
     @property
     def _budget(self) -> float:

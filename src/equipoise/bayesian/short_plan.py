@@ -69,7 +69,7 @@ def plan_after_search(candidates: Candidates, left: float, goals: Goals, informa
 
     Stance motions come first: they need replanted feet, as after the search, and every lift would require that again.
     """
-    plan = make_plan(candidates, left, com_goals(goals), information, searched=True)
+    plan = make_plan(candidates, left, com_goals(goals), information)
     return replace(plan, visits=tuple(sorted(plan.visits, key=lambda visit: len(visit.lifts) > 0)))
 
 

@@ -134,10 +134,10 @@ class Motion:
         self._append(self.target.joint_position + swing, self.target.torque[None])
         return self
 
-    def relax(self, duration: float, joints: Sequence[int] | None = None) -> Motion:
-        """Keep the posture, and fade out the feed-forward torques of some joints, by index; default all."""
-        faded = np.ones_like(self.target.torque) if joints is None else np.zeros_like(self.target.torque)
-        faded[[] if joints is None else list(joints)] = 1.0
+    def relax(self, duration: float, joints: Sequence[int]) -> Motion:
+        """Keep the posture, and fade out the feed-forward torques of some joints, by index."""
+        faded = np.zeros_like(self.target.torque)
+        faded[list(joints)] = 1.0
         fading = 1 - smooth_step(self._count(duration))[:, None] * faded
         self._append(np.repeat(self.target.joint_position[None], len(fading), axis=0), fading * self.target.torque)
         return self

@@ -28,6 +28,8 @@ from equipoise.estimator.unknowns import Priors
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
+_ROUNDS = 2  # of renewed noise levels
+
 
 @dataclass(frozen=True)
 class ScaleReadings:
@@ -76,7 +78,6 @@ def estimate_two_runs(
     runs: tuple[Sequence[MotionSamples], Sequence[MotionSamples]],
     priors: Priors | None = None,
     scale: ScaleReadings | None = None,
-    rounds: int = 2,
 ) -> TwoRuns:
     """Estimate two runs of a robot that was not taken apart in between.
 
@@ -84,7 +85,7 @@ def estimate_two_runs(
         RecordingError: a run has no lift trial that can be used.
     """
     problem = _TwoProblems(robot, stance, runs, priors or Priors(), scale or ScaleReadings())
-    z, converged = solve(problem, problem.start(), rounds)
+    z, converged = solve(problem, problem.start(), _ROUNDS)
     information = problem.normal_equations(z).information
     both = np.vstack([problem.to_first, problem.to_second])
     covariance = both @ np.linalg.inv(information) @ both.T
