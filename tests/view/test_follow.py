@@ -13,7 +13,7 @@ from equipoise.errors import RecordingError
 from equipoise.recording.recording import Recording
 from equipoise.recording.run_log import RunLog, resume_log
 from equipoise.recording.run_log_reader import read_log
-from equipoise.view.follow import FollowedLog, follow
+from equipoise.view.follow import follow
 
 WRITER = """
 import sys, time
@@ -70,26 +70,26 @@ def test_a_log_is_followed_while_another_process_writes_it(log, tmp_path):
 
 def test_a_truncated_log_yields_complete_messages_then_the_rest(log, tmp_path):
     data, target = log.read_bytes(), tmp_path / "cut.mcap"
-    source, samples = FollowedLog(target), 0
+    source, samples = follow(target, lambda: True), 0
     for end in np.linspace(3, len(data), 40).astype(int):
-        assert not source.closed
         target.write_bytes(data[:end])  # the same file, longer: its number stays
-        samples += sum(len(piece.joints.time) for piece in source.news(False)[0])
+        pieces, _ = next(source)
+        samples += sum(len(piece.joints.time) for piece in pieces)
     assert samples == sum(len(recording.joints.time) for recording in read_log(log).recordings)
-    assert source.closed
+    assert next(source, None) is None, "it was closed"
 
 
 def test_a_resumed_run_is_read_without_repeated_motions(log, tmp_path):
     shutil.copy(log, tmp_path / "recording_0.mcap")
     lift = read_log(log).recordings[1]
-    old = FollowedLog(tmp_path)
-    assert tuple(map(len, old.news(False))) == (2, 2)
-    assert old.closed
+    assert [tuple(map(len, news)) for news in follow(tmp_path, lambda: True)] == [(2, 2)], "it was closed"
+    old = follow(tmp_path, lambda: True)
+    assert tuple(map(len, next(old))) == (2, 2)
     first, _ = resume_log(tmp_path, repeats=True)
     first.begin(10, 1)
     first.add(lift.between(-1, 1e6))
-    assert not old.closed
-    assert old.superseded
+    with pytest.raises(RecordingError, match="was resumed"):
+        next(old)
     source = follow(tmp_path, lambda: True)
     pieces, recordings = next(source)
     assert (len(pieces), len(recordings)) == (2, 2), "the last piece may still grow"
@@ -110,11 +110,13 @@ def test_a_log_that_is_not_followed_is_read_once(log, tmp_path):
     (cut := tmp_path / "recording_0.mcap").write_bytes(data[: len(data) // 2])
     ((pieces, _),) = follow(cut, lambda: False)
     assert pieces
-    assert not FollowedLog(cut).closed
+    open_log = follow(cut, lambda: True)
+    next(open_log)
+    assert next(open_log, None) is not None
 
 
 def test_a_file_that_is_not_a_log_raises(tmp_path):
     (path := tmp_path / "x.mcap").write_bytes(b"not at all")
     with pytest.raises(RecordingError) as error:
-        FollowedLog(path).news(True)
+        next(follow(path, lambda: False))
     assert str(error.value) == f"the recording {str(path)!r} cannot be read: it is not an MCAP file"

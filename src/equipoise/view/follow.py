@@ -30,70 +30,46 @@ def log_news(robot: RobotModel, log: Log) -> News:
 
 
 def follow(path: Path, more: Callable[[], bool]) -> Iterator[News]:
-    """Yield new data of a log, as from `FollowedLog.news`, until the log is closed.
+    """Yield new data of a log of equipoise, complete or still being written, until it is closed.
 
     Args:
-        path: file or folder, as for `FollowedLog`.
-        more: function that returns True to wait for more data of an open log.
+        path: file of the log, which need not exist yet, or the folder of a run.
+        more: function that returns True to wait for more data of an open log. Until then the last piece of motion, which may
+            still grow, is left for the next news.
 
     Raises:
         RecordingError: a file is damaged or of another format, or the run was resumed and repeats motions.
     """
-    log = FollowedLog(path)
+    readers, content = [MessageReader(file) for file in _files(path)], LogContent()
+    shown, kept = 0, 0  # pieces and complete trials that were yielded
     while True:
         waits = more()
-        yield log.news(not waits)
-        if log.superseded:
+        for reader in readers:
+            _take(reader, content)
+        ended = readers[-1].closed or not waits
+        with damage_reported(path):
+            plays, complete = content.plays, content.kept[kept:]
+            pieces = [piece for play in plays for piece in play.pieces if any(piece[1].values())]
+            pieces = pieces[shown : None if ended else -1]
+            shown, kept = shown + len(pieces), kept + len(complete)
+            trials = [Recording.concatenate([plays[index].recording for index in trial]) for trial in complete]
+            news = [read_piece(*piece) for piece in pieces], trials
+        yield news
+        if readers[-1].path != _files(path)[-1]:
             raise RecordingError(f"the run {str(path)!r} was resumed; start the view again")
-        if log.closed or not waits:
+        if ended:
             return
 
 
-class FollowedLog:
-    """Log of equipoise, complete or still being written.
+def _take(reader: MessageReader, content: LogContent) -> None:
+    """Add the new messages of a file."""
+    if reader.path.exists() and (messages := reader.messages()):
+        check_format(reader)
+        with damage_reported(reader.path):
+            for topic, _, _, message in messages:
+                content.take(topic, message)
 
-    Args:
-        path: file of the log, which need not exist yet, or the folder of a run.
-    """
 
-    def __init__(self, path: Path) -> None:
-        self.path, self._content = path, LogContent()
-        self._readers = [MessageReader(file) for file in self._files()]
-        self._shown, self._kept = 0, 0  # pieces and complete trials that were returned
-
-    @property
-    def closed(self) -> bool:
-        """True if the log was closed."""
-        return self._readers[-1].closed and not self.superseded
-
-    @property
-    def superseded(self) -> bool:
-        """True if the run was resumed, with a new file, since this log was opened."""
-        return self._readers[-1].path != self._files()[-1]
-
-    def news(self, final: bool) -> News:
-        """Return pieces of motion and complete trials since the last call.
-
-        Args:
-            final: True in the last call; False leaves the last piece, which may still grow, for the next call.
-
-        Raises:
-            RecordingError: a file is damaged or has another format.
-        """
-        for reader in self._readers:
-            if reader.path.exists() and (messages := reader.messages()):
-                check_format(reader)
-                with damage_reported(reader.path):
-                    for topic, _, _, message in messages:
-                        self._content.take(topic, message)
-        with damage_reported(self.path):
-            plays, kept = self._content.plays, self._content.kept[self._kept :]
-            pieces = [piece for play in plays for piece in play.pieces if any(piece[1].values())]
-            pieces = pieces[self._shown : None if final or self.closed else -1]
-            self._shown, self._kept = self._shown + len(pieces), self._kept + len(kept)
-            trials = [Recording.concatenate([plays[index].recording for index in trial]) for trial in kept]
-            return [read_piece(*piece) for piece in pieces], trials
-
-    def _files(self) -> list[Path]:
-        files = log_files(self.path) if self.path.is_dir() else [self.path]
-        return [file for file in files if file.exists() and file.stat().st_size] or files[:1]
+def _files(path: Path) -> list[Path]:
+    files = log_files(path) if path.is_dir() else [path]
+    return [file for file in files if file.exists() and file.stat().st_size] or files[:1]
