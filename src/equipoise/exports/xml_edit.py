@@ -24,14 +24,8 @@ _START_TAG = re.compile(rb"<[^\s/>]+(?:" + _ATTRIBUTE.pattern + rb")*\s*/?>")
 _QUOTES = {'"': "&quot;", "'": "&apos;"}
 _OUR_COMMENT = re.compile(rb"<!-- equipoise (?:(?!-->).)*-->\s*\Z", re.DOTALL)
 
-
-@dataclass(frozen=True)
-class Edit:
-    """New text for the bytes from start to end, positions in `Document.data`."""
-
-    start: int
-    end: int
-    text: str
+Edit = tuple[int, int, str]
+"""Start and end of bytes in `Document.data`, and the text that replaces them."""
 
 
 @dataclass(eq=False)
@@ -95,8 +89,8 @@ class Document:
     def edited(self, edits: Iterable[Edit]) -> bytes:
         """Return the edited file in its own encoding."""
         data = self.data
-        for edit in sorted(edits, key=lambda edit: (edit.start, edit.end), reverse=True):
-            data = data[: edit.start] + edit.text.encode() + data[edit.end :]
+        for start, end, text in sorted(edits, key=lambda edit: edit[:2], reverse=True):
+            data = data[:start] + text.encode() + data[end:]
         return self._bom + data.decode().encode(self._encoding)
 
     def set(self, element: Element, name: str, value: str) -> Edit:
@@ -105,20 +99,20 @@ class Document:
         at = element.start + 1 + len(element.tag.encode())
         for match in self._attributes(element):
             if match[1].decode() == name:
-                return Edit(match.start(2) + 1, match.end(2) - 1, value)
+                return match.start(2) + 1, match.end(2) - 1, value
             at = match.end()
-        return Edit(at, at, f' {name}="{value}"')
+        return at, at, f' {name}="{value}"'
 
     def unset(self, element: Element, *names: str) -> list[Edit]:
         """Remove attributes, with the space before each."""
-        return [Edit(m.start(), m.end(), "") for m in self._attributes(element) if m[1].decode() in names]
+        return [(m.start(), m.end(), "") for m in self._attributes(element) if m[1].decode() in names]
 
     def fill(self, element: Element, text: str) -> Edit:
         """Replace the content of an element."""
         if element.closed:
-            return Edit(element.inside, element.inside_end, text)
+            return element.inside, element.inside_end, text
         slash = self.data.rindex(b"/", element.start, element.end)
-        return Edit(slash, element.end, f">{text}</{element.tag}>")
+        return slash, element.end, f">{text}</{element.tag}>"
 
     def put(self, element: Element, lines: Iterable[str], last: bool = False) -> Edit:
         """Insert lines before an element's first child, or after its last one."""
@@ -127,10 +121,10 @@ class Document:
         if not element.closed:
             return self.fill(element, text + self.margin(element))
         if not last:
-            return Edit(element.inside, element.inside, text)
+            return element.inside, element.inside, text
         content = self.data[element.inside : element.inside_end]
         at = element.inside + len(content.rstrip())  # before the end tag's own indentation
-        return Edit(at, at, text)
+        return at, at, text
 
     def put_child(
         self, element: Element, child: ET.Element, comment: Sequence[str] = (), last: bool = False
@@ -169,7 +163,7 @@ class Document:
         earlier = _OUR_COMMENT.search(self.data, 0, element.start)
         margin = self.margin(element)
         text = (margin or " ").join(comment_lines(lines))
-        return Edit(earlier.start() if earlier else element.start, element.start, text + margin)
+        return earlier.start() if earlier else element.start, element.start, text + margin
 
     def _attributes(self, element: Element) -> Iterator[re.Match[bytes]]:
         tag_end = element.inside if element.closed else element.end
