@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,6 @@ from equipoise.errors import NotEstimatedError
 from equipoise.exports.parameters import LEGS, MOTORS, SENSORS, Column, columns_of
 from equipoise.exports.subject import Subject
 from equipoise.result.calibration import Calibration
-from equipoise.result.quantity import Quantity
 from equipoise.robot.model import RobotModel
 
 _WEAK = "weakly identified"
@@ -91,11 +90,11 @@ def accept_columns(
     if not found:
         return (), ()
     _refuse_doubtful(result, force)
-    missing, weak = _names(found, _missing), _names(found, lambda quantity: quantity.verdict == "weak")
+    missing, weak = _names(found, "not identified"), _names(found, "weak")
     notes = [ParameterNote("FORCED: not identified" if force else _LEFT_OUT, missing)] if missing else []
     notes += _failed(result)
     notes += [ParameterNote(_WEAK, weak)] if weak else []
-    written = found if force else [column.only(_identified) for column in found]
+    written = found if force else [column.identified() for column in found]
     return tuple(column for column in written if column.values), tuple(notes)
 
 
@@ -130,10 +129,10 @@ def _columns(result: Calibration, part: str, force: bool) -> tuple[Column, ...]:
     columns = columns_of(result, part)
     if not columns:
         raise NotEstimatedError(f"this run did not estimate {part}; {_REMEDY[part]}")
-    if not force and not any(column.only(_identified).values for column in columns):
+    if not force and not any(column.identified().values for column in columns):
         raise NotEstimatedError(
-            f"not identified by this run: {', '.join(_names(columns, _missing))}; calibrate longer (--duration), or write "
-            "them anyway with --force"
+            f"not identified by this run: {', '.join(_names(columns, 'not identified'))}; calibrate longer (--duration), or "
+            "write them anyway with --force"
         )
     return columns
 
@@ -158,22 +157,13 @@ def _with_verdict(result: Calibration, bodies: Iterable[str], verdict: str) -> l
     ]
 
 
-def _missing(quantity: Quantity) -> bool:
-    return quantity.verdict == "not identified"
-
-
-def _identified(quantity: Quantity) -> bool:
-    return not _missing(quantity)
-
-
-def _names(columns: Iterable[Column], wanted: Callable[[Quantity], bool]) -> list[str]:
-    """Return the names of the wanted values, column by column."""
-    chosen = ((column, column.only(wanted).values) for column in columns)
-    return [
-        f"{column.name} ({'all' if len(some) == len(column.values) else ' '.join(some)})"
-        for column, some in chosen
-        if some
-    ]
+def _names(columns: Iterable[Column], verdict: str) -> list[str]:
+    """Return the names of the values with a verdict, column by column."""
+    names: list[str] = []
+    for column in columns:
+        if some := [key for key, quantity in column.values.items() if quantity.verdict == verdict]:
+            names.append(f"{column.name} ({'all' if len(some) == len(column.values) else ' '.join(some)})")
+    return names
 
 
 def _bounds(subject: Subject) -> tuple[FloatArray, FloatArray, str]:

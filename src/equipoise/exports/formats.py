@@ -173,7 +173,7 @@ def export(
     # A model file's base depends on its other links.
     own_base = "base" in bodies and row.file != "model" and relative_to is None
     outside = require_within_robot(subject, ("composite", "base") if own_base else bodies and ("composite",))
-    base_notes = subject.base_notes if own_base else ()
+    base_notes = subject.base_and_notes[1] if own_base else ()
     subject = replace(subject, notes=outside + base_notes + subject.notes, reference=relative_to)
     contents = row.contents(bodies, subject) if relative_to is None else relative.contents(subject)
     subject = replace(subject, contents=contents)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from equipoise.errors import NotEstimatedError
 from equipoise.exports import randomisation
 from equipoise.exports.parameters import BASE
-from equipoise.exports.subject import FloatArray, Subject, Written, axes_change, number
+from equipoise.exports.subject import FloatArray, Subject, Written, number
 from equipoise.robot.inertial import COMPONENTS
 
 _DRAWN = "# Drawn through the pseudo-inertia: all bodies in these ranges, and all SAMPLES, are physical."
@@ -65,17 +64,15 @@ def _mjlab_base(subject: Subject) -> Written:
     drawn = _drawn(subject)
     entries = randomisation.entries_between(drawn, randomisation.pseudo_inertias(subject.base_in_file.vector[None])[0])
     ranges = {f"{name}_range": pair for name, pair in randomisation.entry_ranges(entries).items()}
-    return subject.text(
-        _about(subject),
-        [
-            _DRAWN,
-            "# Each range is the 95 % interval of one entry given the others, because mjlab draws each independently.",
-            "#   EventTermCfg(mode='startup', func=dr.pseudo_inertia,",
-            f"#     params={{'asset_cfg': SceneEntityCfg('robot', body_names=({subject.file_link!r},)), **PSEUDO_INERTIA}})",
-            *_dictionary("PSEUDO_INERTIA", ranges),
-            *_tail(subject, randomisation.components_of(drawn)),
-        ],
-    )
+    lines = [
+        _DRAWN,
+        "# Each range is the 95 % interval of one entry given the others, because mjlab draws each independently.",
+        "#   EventTermCfg(mode='startup', func=dr.pseudo_inertia,",
+        f"#     params={{'asset_cfg': SceneEntityCfg('robot', body_names=({subject.file_link!r},)), **PSEUDO_INERTIA}})",
+        *_dictionary("PSEUDO_INERTIA", ranges),
+        *_tail(subject, randomisation.components_of(drawn)),
+    ]
+    return subject.text(_about(subject), lines)
 
 
 def _isaaclab_base(subject: Subject) -> Written:
@@ -87,28 +84,23 @@ def _isaaclab_base(subject: Subject) -> Written:
         for axis, found in zip("xyz", body.com, strict=True)
     }
     on_base = f"asset_cfg=SceneEntityCfg('robot', body_names={subject.file_link!r})"
-    return subject.text(
-        _about(subject),
-        [
-            _DRAWN,
-            f"#   EventTerm(func=mdp.randomize_rigid_body_mass, mode='startup', params=dict({on_base}, **MASS))",
-            f"#   EventTerm(func=mdp.randomize_rigid_body_com, mode='startup', params=dict({on_base}, **COM))",
-            f'MASS = {{"mass_distribution_params": ({number(low)}, {number(high)}), "operation": "scale"}}',
-            *_dictionary("COM_RANGE", shifts),
-            'COM = {"com_range": COM_RANGE}',
-            *_tail(subject, bodies),
-        ],
-    )
+    lines = [
+        _DRAWN,
+        f"#   EventTerm(func=mdp.randomize_rigid_body_mass, mode='startup', params=dict({on_base}, **MASS))",
+        f"#   EventTerm(func=mdp.randomize_rigid_body_com, mode='startup', params=dict({on_base}, **COM))",
+        f'MASS = {{"mass_distribution_params": ({number(low)}, {number(high)}), "operation": "scale"}}',
+        *_dictionary("COM_RANGE", shifts),
+        'COM = {"com_range": COM_RANGE}',
+        *_tail(subject, bodies),
+    ]
+    return subject.text(_about(subject), lines)
 
 
 def _drawn(subject: Subject) -> FloatArray:
     """Return (n, 4, 4) pseudo-inertias of bodies drawn from the posterior, in the axes of the model file."""
-    covariance = subject.result.composite.covariance
-    if covariance is None:
-        raise NotEstimatedError("this calibration has no covariance; calibrate with --method bayesian")
-    turn = axes_change(subject.file_placement)
+    covariance = subject.covariance_seen_from(subject.file_placement)
     composite = subject.in_file(subject.composite)
-    return randomisation.drawn_bases(subject.base_in_file, composite, turn @ covariance @ turn.T, subject.seed)
+    return randomisation.drawn_bases(subject.base_in_file, composite, covariance, subject.seed)
 
 
 def _about(subject: Subject) -> str:

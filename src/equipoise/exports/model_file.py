@@ -53,9 +53,9 @@ def find_users_file(result: Calibration, model_format: str, file: Path | None) -
             )
         return UsersFile(robot.source.path, content), ()
     content = _read(file, "")
-    if (found := hashlib.sha256(content).hexdigest()) == result.model["sha256"]:
-        return UsersFile(file, content), ()
-    return UsersFile(file, content), (f"{file.name} is not the model file of the run: its sha256 is {found}",)
+    found = hashlib.sha256(content).hexdigest()
+    other = (f"{file.name} is not the model file of the run: its sha256 is {found}",)
+    return UsersFile(file, content), () if found == result.model["sha256"] else other
 
 
 def _of_other_format(robot: str, present: str, wanted: str) -> tuple[UsersFile, tuple[str, ...]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from equipoise.estimator.unknowns import Priors, Unknown
@@ -58,9 +58,10 @@ class Column:
         """Return the value of a joint or an axis; 0 (without effect) if the run did not identify it."""
         return float(self.values[key].value or 0.0) if key in self.values else 0.0
 
-    def only(self, wanted: Callable[[Quantity], bool]) -> Column:
-        """Return the column with the wanted values alone."""
-        return replace(self, values={key: value for key, value in self.values.items() if wanted(value)})
+    def identified(self) -> Column:
+        """Return the column without the values that are not identified."""
+        values = {key: quantity for key, quantity in self.values.items() if quantity.verdict != "not identified"}
+        return replace(self, values=values)
 
 
 def columns_of(result: Calibration, part: str) -> tuple[Column, ...]:

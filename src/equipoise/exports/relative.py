@@ -24,15 +24,15 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelWarning, NotEstimatedError, SettingsError
 from equipoise.exports import randomisation
-from equipoise.exports.model_file import feet_shift
-from equipoise.exports.subject import Subject, Written, axes_change, seen_from
+from equipoise.exports.model_file import composite_of, feet_shift
+from equipoise.exports.subject import Subject, Written, seen_from
 from equipoise.exports.tables import provenance, yaml_lines
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.forward import link_in_file
-from equipoise.robot.inertial import COMPONENTS, InertialParameters, base_parameters, components, composite_parameters
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, base_parameters, components
 from equipoise.robot.links import file_links
 from equipoise.robot.model import RobotModel
 
@@ -150,18 +150,16 @@ def _measured(subject: Subject) -> tuple[tuple[InertialParameters, ...], FloatAr
         the other file's base, the run's base for its legs, and the run's composite; (10, 10) covariance of the composite in
         the order of COMPONENTS, SI units; notes.
     """
-    reference, in_composite = _reference(subject), subject.result.composite.covariance
-    if in_composite is None:
-        raise NotEstimatedError("this calibration has no covariance; calibrate with --method bayesian")
+    reference = _reference(subject)
+    placement = link_in_file(reference.base_link, reference.source.forward)[1]
+    in_composite = subject.covariance_seen_from(placement)
     model = base_parameters(reference)
-    added = subject.added_to(composite_parameters(reference, _stance(subject, reference)))
+    added = subject.added_to(composite_of(subject, reference))
     run, notes = subject.nearest_body(
         model.vector + added, f"the base for the legs of {_name(reference)}", "check the legs with 'equipoise audit'"
     )
-    placement = link_in_file(reference.base_link, reference.source.forward)[1]
-    turn = axes_change(placement)
     model, run, composite = (seen_from(body, placement) for body in (model, run, subject.composite))
-    return (model, run, composite), turn @ in_composite @ turn.T, (*notes, *_legs_note(subject))
+    return (model, run, composite), in_composite, (*notes, *_legs_note(subject))
 
 
 def _base_rows(bodies: tuple[InertialParameters, ...], in_composite: FloatArray) -> tuple[Rows, FloatArray]:
@@ -247,7 +245,7 @@ def _legs_note(subject: Subject) -> tuple[str, ...]:
 def _legs_difference(subject: Subject) -> FloatArray:
     """Return (10,) parameters of the run's legs minus those of the other file, at the stance, about the base's origin."""
     run, model = (
-        composite_parameters(robot, _stance(subject, robot)).vector - base_parameters(robot).vector
+        composite_of(subject, robot).vector - base_parameters(robot).vector
         for robot in (_original(subject.result), _reference(subject))
     )
     return run - model
@@ -273,10 +271,6 @@ def _original(result: Calibration) -> RobotModel:
 def _reference(subject: Subject) -> RobotModel:
     assert subject.reference is not None
     return subject.reference
-
-
-def _stance(subject: Subject, robot: RobotModel) -> FloatArray:
-    return robot.joint_vector(dict(subject.result.joint_position), "the run's stance")
 
 
 def _about(subject: Subject) -> str:

@@ -99,15 +99,11 @@ class Subject:
         With the model's own legs it makes the estimated composite, which a run determines best. The calibration's own base
         belongs to adjusted legs, which a file that gets the base alone does not have.
         """
-        return self._base[0]
-
-    @property
-    def base_notes(self) -> tuple[str, ...]:
-        """Notes on the base; raises as `base` does."""
-        return self._base[1]
+        return self.base_and_notes[0]
 
     @cached_property
-    def _base(self) -> tuple[InertialParameters, tuple[str, ...]]:
+    def base_and_notes(self) -> tuple[InertialParameters, tuple[str, ...]]:
+        """The base, and notes on it."""
         what = f"base link {self.base_link!r}, minus the model's legs,"
         remedy = "check the masses of the model's legs with 'equipoise audit'"
         return self.nearest_body(self.result.base_for_model_legs, what, remedy)
@@ -154,6 +150,22 @@ class Subject:
     def within_intervals(self, change: FloatArray) -> bool:
         """Return whether a change of the inertia [kg m2] (3, 3) is within the 95 % intervals of the whole robot's."""
         return bool((np.abs(change) <= NORMAL_95 * self.result.composite.inertia.stds).all())  # nan: no interval
+
+    def covariance_seen_from(self, placement: pin.SE3) -> FloatArray:
+        """Return the (10, 10) covariance of the composite in other axes at the base's origin, in the order of COMPONENTS.
+
+        Args:
+            placement: placement of these axes in the base frame; its translation is zero.
+
+        Raises:
+            NotEstimatedError: the method computes no covariance.
+        """
+        covariance = self.result.composite.covariance
+        if covariance is None:
+            raise NotEstimatedError("this calibration has no covariance; calibrate with --method bayesian")
+        units = (InertialParameters.from_components(one) for one in np.eye(10))
+        turn = np.column_stack([components(seen_from(one, placement)) for one in units])
+        return turn @ covariance @ turn.T
 
     @property
     def base_link(self) -> str:
@@ -251,16 +263,6 @@ def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameter
         placement: placement of that frame in the body's frame.
     """
     return InertialParameters.from_pinocchio(placement.inverse().act(body.to_pinocchio()))
-
-
-def axes_change(placement: pin.SE3) -> FloatArray:
-    """Return the (10, 10) matrix that takes a body's parameters, in the order of COMPONENTS, to other axes at one origin.
-
-    Args:
-        placement: placement of these axes in the body's frame; its translation is zero.
-    """
-    units = (InertialParameters.from_components(one) for one in np.eye(10))
-    return np.column_stack([components(seen_from(one, placement)) for one in units])
 
 
 def _one_line(text: str) -> str:
