@@ -105,7 +105,7 @@ def test_unidentified_links_are_reported(found, capsys):
     print_calibration(result, [])
     shown = capsys.readouterr().out
     assert "a1: links, 95 % +-" in shown
-    assert "In brackets: not identified, posterior std above half of the prior std." in " ".join(shown.split())
+    assert "In brackets: not identified, posterior std above half of the prior std" in " ".join(shown.split())
     assert max(map(len, shown.splitlines())) <= 80
 
 

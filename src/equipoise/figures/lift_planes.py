@@ -10,11 +10,8 @@ from equipoise.method.reading import LiftPlane
 from equipoise.paper.evidence import SearchEvidence
 from equipoise.result.calibration import Calibration
 
-LiftPlanes = Sequence[LiftPlane]
-"""Support planes in the order of the lifts."""
 
-
-def lift_planes(result: Calibration) -> LiftPlanes:
+def lift_planes(result: Calibration) -> Sequence[LiftPlane]:
     """Return the support planes of `paper` lifts, or the planes through the CoM from `bayesian` lifts.
 
     The result is empty without evidence, as from a JSON file.

@@ -13,10 +13,10 @@ from equipoise.result.legend import frame_message, verdict_message
 from equipoise.result.quantity import Quantity
 from equipoise.result.shown import ROWS, called
 
-BODIES = {
-    "composite": "the whole robot at its stance",
-    "base": "the base link with everything fixed to it",
-    "stance_effective": "the paper's body: base, hips and thighs",
+HEADINGS = {
+    "composite": "The whole robot at its stance",
+    "base": "The base link with everything fixed to it",
+    "stance_effective": "The paper's body: base, hips and thighs",
 }
 
 

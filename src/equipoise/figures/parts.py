@@ -9,6 +9,7 @@ from math import floor, log10
 from equipoise.figures.blocks import DataTable, number
 from equipoise.result.calibration import Calibration
 from equipoise.result.findings import Link, Part
+from equipoise.result.legend import verdict_message
 from equipoise.result.quantity import Quantity
 from equipoise.result.shown import Shown
 
@@ -27,6 +28,8 @@ _LINKS = (
     Shown("moment_z", "m cz [g m]", 1000.0, "+", "first moment along z"),
     Shown("length", "length [mm]", 1000.0, "", "length"),
 )
+
+_VERDICTS = {"not identified": "In brackets: not identified, posterior std above half of the prior std"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,16 +51,9 @@ class Parts:
     remark: str
 
     @property
-    def legend(self) -> list[str]:
-        """Explanations of the marks in the table."""
-        shown = [one for part in self.found.values() for one in part.quantities.values()]
-        marks = {
-            "In brackets: not identified, posterior std above half of the prior std.": any(
-                one.verdict == "not identified" for one in shown
-            ),
-            "(!): the truth is outside the interval.": any(one.missed for one in shown),
-        }
-        return [message for message, present in marks.items() if present]
+    def legend(self) -> str:
+        """Explanation of the marks in the table; empty without any."""
+        return verdict_message((one for part in self.found.values() for one in part.quantities.values()), _VERDICTS)
 
     def of(self, name: str) -> list[Quantity]:
         """Return one quantity of every part."""
@@ -77,10 +73,13 @@ class Parts:
         columns = [_cells(self.of(one.name), one, truth) for one in self.columns]
         rows = [list(row) for row in zip(self.found, *columns, strict=True)]
         heads = [self.each, *(f"|{one.label}" for one in self.columns)]
-        words = " ".join(
-            [f"Each {self.each} with the half width of its 95 % interval; left above right.", *self.legend]
-        )
-        return DataTable(title or words, heads, rows)
+        words = f"Each {self.each} with the half width of its 95 % interval; left above right. {self.legend}"
+        return DataTable(title or words.rstrip(), heads, rows)
+
+
+def motors_alone(result: Calibration) -> bool:
+    """Return whether the run estimated motors and nothing else."""
+    return bool(result.motors) and result.composite.mass.value is None
 
 
 def parts_of(result: Calibration) -> list[Parts]:

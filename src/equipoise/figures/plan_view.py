@@ -13,7 +13,7 @@ from equipoise.conventions import FloatArray
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.figures.blocks import DASHES, INK, MUTED, ROBOT, SERIES, Figure, Trace, number, plain, short
 from equipoise.figures.geometry import MOST_FACES_ON_PAGE, Mesh, at_posture, robot_shapes
-from equipoise.figures.lift_planes import LiftPlanes
+from equipoise.method.reading import LiftPlane
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import ellipsoid_95
 from equipoise.robot.kinematics import foot_positions
@@ -117,7 +117,7 @@ class PlanView:
         return [mark for mark in self.marks if mark.kind == "found"]
 
 
-def plan_view(results: Mapping[str, Calibration], lifts: LiftPlanes = ()) -> PlanView | None:
+def plan_view(results: Mapping[str, Calibration], lifts: Sequence[LiftPlane] = ()) -> PlanView | None:
     """Return the view of one result with model and truth, or of several results with the first robot.
 
     Args:

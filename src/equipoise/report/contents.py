@@ -6,19 +6,19 @@ from collections.abc import Sequence
 
 from equipoise.figures.blocks import Block, Cell, DataTable, PageContents
 from equipoise.figures.lift_planes import lift_planes
-from equipoise.figures.numbers import BODIES, legend, not_estimated, numbers, numbers_table
-from equipoise.figures.parts import parts_of
+from equipoise.figures.numbers import HEADINGS, legend, not_estimated, numbers, numbers_table
+from equipoise.figures.parts import motors_alone, parts_of
 from equipoise.figures.plan_view import plan_figures, plan_view
 from equipoise.figures.uncertainty_budget import remedies, uncertainty_table
 from equipoise.report.differences import action_blocks
 from equipoise.report.excitation_figures import excitation_blocks
-from equipoise.report.part_figures import LINKS, MOTORS, motor_message, motors_alone, part_blocks
+from equipoise.report.part_figures import LINKS, MOTORS, motor_message, part_blocks
 from equipoise.report.provenance import provenance_blocks
 from equipoise.report.residuals import held_out_blocks, residual_figures
 from equipoise.report.sensor_figures import sensor_blocks
 from equipoise.report.trial_figures import search_figures, trial_table
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import frame_message, lifts_message
+from equipoise.result.legend import checks_message, frame_message, lifts_message
 
 
 def run_contents(result: Calibration, run: str = "RUN") -> PageContents:
@@ -42,7 +42,7 @@ def run_contents(result: Calibration, run: str = "RUN") -> PageContents:
         "Checks": _checks(result),
         "Provenance": provenance_blocks(result),
     }
-    first = [parts_of(result)[0].table()] if alone else [numbers_table(numbers(result), _heading("composite"))]
+    first = [parts_of(result)[0].table()] if alone else [numbers_table(numbers(result), HEADINGS["composite"])]
     words = () if alone else legend(result)
     view = plan_figures(plan_view({result.robot: result}, lift_planes(result)))
     return PageContents(
@@ -70,12 +70,11 @@ def _held_out_title(result: Calibration) -> str:
 def _subtitle(result: Calibration) -> str:
     lifts = any(trial.kind == "lift" for trial in result.trials)
     time = sum(trial.duration for trial in result.trials)
-    passed = sum(check.passed for check in result.checks)
     parts = [
         f"method {result.method}",
         f"{lifts_message(result)} in {time:.0f} s of robot time" if lifts else f"{time:.0f} s",
     ]
-    parts += [f"{passed} of {len(result.checks)} checks passed"] if result.checks else []
+    parts += [checks_message(result)] if result.checks else []
     parts += [str(result.provenance["platform"])] if "platform" in result.provenance else []
     parts += [str(result.provenance["time"])[:16].replace("T", " ")] if "time" in result.provenance else []
     return " \u00b7 ".join(parts)
@@ -93,12 +92,8 @@ def _lead(result: Calibration) -> str:
 
 
 def _other_bodies(result: Calibration) -> list[Block]:
-    tables = [numbers_table(shown, _heading(body)) for body in list(BODIES)[1:] if (shown := numbers(result, body))]
+    tables = [numbers_table(shown, HEADINGS[body]) for body in list(HEADINGS)[1:] if (shown := numbers(result, body))]
     return [*tables, frame_message(result)] if tables else []
-
-
-def _heading(body: str) -> str:
-    return BODIES[body][0].upper() + BODIES[body][1:]
 
 
 def _checks(result: Calibration) -> list[DataTable]:

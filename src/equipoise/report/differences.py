@@ -9,7 +9,7 @@ from __future__ import annotations
 from equipoise.calibration.payload_change import negligible_changes
 from equipoise.conventions import GRAVITY
 from equipoise.figures.blocks import Block
-from equipoise.report.part_figures import motors_alone
+from equipoise.figures.parts import motors_alone
 from equipoise.result.calibration import Calibration
 from equipoise.result.legend import doubt_message
 from equipoise.result.quantity import Quantity

@@ -92,17 +92,14 @@ def page(document: PageContents) -> str:
         "links": links,
         "body": body,
         "plotly": get_plotlyjs(),
-        "figures": _json([_plotly(figure) for figure in figures_of(document)]),
+        "figures": _json(figures_of(document)),
     }
     head, *rest = (folder / "page.html").read_text(encoding="utf-8").split("{{")
     return head + "".join(parts[name] + after for name, after in (part.split("}}", 1) for part in rest))
 
 
-def _plotly(figure: Figure) -> tuple[list[Trace], Trace]:
-    return figure.data, {"template": _TEMPLATE, "height": figure.height, **figure.layout}
-
-
-def _json(figures: list[tuple[list[Trace], Trace]]) -> str:
-    """Return JSON, escaped so that no text in it can end the enclosing script element."""
-    text = json.dumps(figures, separators=(",", ":"), allow_nan=False)
+def _json(figures: list[Figure]) -> str:
+    """Return data and layouts as JSON, escaped so that no text in it can end the enclosing script element."""
+    plots = [(one.data, {"template": _TEMPLATE, "height": one.height, **one.layout}) for one in figures]
+    text = json.dumps(plots, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.figures.blocks import INK, SERIES, Block, Figure, axes, plain, points, short
-from equipoise.figures.parts import parts_of
+from equipoise.figures.parts import motors_alone, parts_of
 from equipoise.result.calibration import Calibration
 from equipoise.result.findings import SensorFinding
 from equipoise.result.quantity import Quantity
@@ -32,11 +32,6 @@ def part_blocks(result: Calibration, kind: str) -> list[Block]:
             ]
             blocks += [*leading, *figures, parts.remark]
     return blocks
-
-
-def motors_alone(result: Calibration) -> bool:
-    """Return whether the run estimated motors and nothing else."""
-    return bool(result.motors) and result.composite.mass.value is None
 
 
 def motor_message(result: Calibration) -> str:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.figures.blocks import SERIES, Block, Cell, DataTable, Figure, Trace, axes, level, pieces, plain, short
 from equipoise.result.calibration import Calibration, Trial
-from equipoise.result.held_out import FOUND
 
 _KINDS = (("lift", "lift", ""), ("posture", "stance motion", "/"), ("walk", "walk (its worst step)", "\\"))
 _RATIO = "normalized residual (rms / expected noise)"
@@ -57,29 +54,15 @@ def held_out_blocks(result: Calibration) -> list[Block]:
     predicted = result.held_out
     if predicted is None:
         return []
-    others = "; ".join(
-        f"with the {body}'s body they are {predicted.error(body) / predicted.error(FOUND):.1f} times as large"
-        for body in predicted.bodies
-        if body != FOUND
-    )
-    summary = (
-        f"{predicted.counted} were each predicted from {predicted.others} only. Prediction errors: "
-        f"{1000 * predicted.error(FOUND):.2f} mm rms at the centre of mass; {others}."
-    )
     rows: list[list[str | Cell]] = [
-        [body, f"{1000 * predicted.error(body):.2f}", f"{_in_intervals(result, body):.1f}",
+        [body, f"{1000 * predicted.error(body):.2f}", f"{predicted.relative_error(body):.1f}",
          f"{predicted.inside(body)} of {len(predicted.lifts)}"]
         for body in reversed(predicted.bodies)
     ]  # fmt: skip
     columns = ["body", "|rms error [mm]", "|error / half width (rms)", "|inside the interval"]
     kind = predicted.lifts[0].kind
-    caption = f"Errors at the end of each {kind}; sensors and floor are estimated without {predicted.left_out}"
-    return [summary, *_errors_over_time(result), DataTable(caption, columns, rows)]
-
-
-def _in_intervals(result: Calibration, body: str) -> float:
-    assert result.held_out is not None
-    return float(np.sqrt(np.mean([lift.intervals[body] ** 2 for lift in result.held_out.lifts])))
+    caption = f"CoM errors at the end of each {kind}; sensors and floor are estimated without {predicted.left_out}"
+    return [f"{predicted.message()}.", *_errors_over_time(result), DataTable(caption, columns, rows)]
 
 
 def _errors_over_time(result: Calibration) -> list[Figure]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from equipoise.conventions import FloatArray
 from equipoise.errors import NotEstimatedError
 from equipoise.result.quantity import Quantity
-from equipoise.result.statistics import verdict_of
+from equipoise.result.statistics import NORMAL_95, verdict_of
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, RobotInertia, components
 
 BODIES = tuple(field.name for field in dataclasses.fields(RobotInertia))
@@ -184,14 +184,9 @@ class Body(_Group):
         Args:
             sizes: (10,) largest half widths for this verdict, SI units.
         """
-
-        def verdict(one: Quantity, size: float) -> str | None:
-            unchanged = (
-                one.value is not None and one.half_width is not None and abs(one.value) <= one.half_width <= size
-            )
-            return "no change" if unchanged else one.verdict
-
-        return self._with(verdict=[verdict(one, float(size)) for one, size in zip(self, sizes, strict=True)])
+        half_widths = NORMAL_95 * self.stds
+        sure = (np.abs(self.values) <= half_widths) & (half_widths <= sizes)  # nan: no interval
+        return self._with(verdict=["no change" if zero else one.verdict for one, zero in zip(self, sure, strict=True)])
 
     def with_truth(self, truth: InertialParameters | None) -> Body:
         """Return the body with the ground truth; None removes it."""

@@ -362,11 +362,6 @@ def _given(body: InertialParameters | None, name: str) -> InertialParameters:
     return body
 
 
-def library_versions() -> dict[str, str]:
-    """Return the versions of equipoise and Pinocchio."""
-    return {"equipoise": __version__, "pinocchio": pin.__version__}
-
-
 def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]:
     """Return model and stance of a result, as arguments of `Calibration`."""
     return {
@@ -381,5 +376,5 @@ def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]
             "imu": robot.imu.message,
         },
         "robot_model": robot,
-        "provenance": library_versions(),
+        "provenance": {"equipoise": __version__, "pinocchio": pin.__version__},
     }

@@ -60,6 +60,10 @@ class HeldOut:
         """Root mean square error over lifts [m]."""
         return float(np.sqrt(np.mean([lift.errors[body] ** 2 for lift in self.lifts])))
 
+    def relative_error(self, body: str) -> float:
+        """Root mean square over lifts of the error over the half width of its interval."""
+        return float(np.sqrt(np.mean([lift.intervals[body] ** 2 for lift in self.lifts])))
+
     def inside(self, body: str) -> int:
         """Number of lifts whose error is inside its 95 % interval."""
         return sum(lift.intervals[body] <= 1 for lift in self.lifts)

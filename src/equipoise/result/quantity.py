@@ -40,11 +40,9 @@ class Quantity:
     @property
     def interval(self) -> tuple[float, float] | None:
         """Lower and upper bound of the 95 % interval."""
-        return (
-            None
-            if self.value is None or self.half_width is None
-            else (self.value - self.half_width, self.value + self.half_width)
-        )
+        if self.value is None or self.half_width is None:
+            return None
+        return self.value - self.half_width, self.value + self.half_width
 
     @property
     def lower(self) -> float | None:

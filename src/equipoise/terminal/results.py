@@ -16,7 +16,7 @@ from equipoise.calibration.run_header import HEADER, RESULT
 from equipoise.experiments.progress import Progress as RoutineProgress
 from equipoise.figures.blocks import number
 from equipoise.figures.numbers import legend, not_estimated, numbers, numbers_table
-from equipoise.figures.parts import Parts, parts_of, parts_of_legs
+from equipoise.figures.parts import Parts, motors_alone, parts_of, parts_of_legs
 from equipoise.figures.uncertainty_budget import REMEDY, remedies, uncertainty_table
 from equipoise.method.rehearsal import Forecast
 from equipoise.result.calibration import Calibration
@@ -77,14 +77,14 @@ def print_calibration(
     for check in result.checks:
         if not check.passed:
             console.print(f"[red]check failed:[/red] {escape(f'{check.name}: {check.message}')}")
-    motors_alone = bool(result.motors) and result.composite.com_in_base.x.value is None
-    if not motors_alone:
+    alone = motors_alone(result)
+    if not alone:
         _print_numbers(console, result)
     for parts in parts_of(result):
         _print_parts(console, f"{result.robot}: {parts.kind}, 95 % +-", parts)
         if parts.has_truth:
             print_table(console, parts.table(f"{result.robot}: {parts.kind}, ground truth", truth=True))
-    if motors_alone:
+    if alone:
         time = sum(trial.duration for trial in result.trials)
         console.print(f"{time:.0f} s of robot time; the method {result.method} has no checks.")
     for assumption in result.assumptions:
@@ -153,7 +153,7 @@ def _remarks(result: Calibration) -> Iterator[str]:
 
 def _print_parts(console: Console, title: str, parts: Parts) -> None:
     print_table(console, parts.table(title))
-    console.print(" ".join([parts.remark, *parts.legend]))
+    console.print(f"{parts.remark} {parts.legend}".rstrip())
 
 
 def print_budget(result: Calibration) -> None:

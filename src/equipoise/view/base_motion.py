@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import RecordingError
 from equipoise.estimator.measurements.leg_motion import LegChains, cross
+from equipoise.estimator.measurements.lift_samples import at_times
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import RobotModel
@@ -158,15 +159,11 @@ def resample(recording: Recording, start: float | None) -> Recording | None:
 
     def mean(values: FloatArray) -> FloatArray:
         integral = np.asarray(cumulative_trapezoid(values, imu.time, axis=0, initial=0), dtype=float)
-        return np.diff(_interpolate(edges, imu.time, integral), axis=0) / STEP
+        return np.diff(at_times(edges, imu.time, integral), axis=0) / STEP
 
-    torque = None if joints.torque is None else _interpolate(edges[1:], joints.time, joints.torque)
+    torque = None if joints.torque is None else at_times(edges[1:], joints.time, joints.torque)
     return Recording(
         recording.joint_names,
-        JointStream(edges[1:], _interpolate(edges[1:], joints.time, joints.position), torque=torque),
+        JointStream(edges[1:], at_times(edges[1:], joints.time, joints.position), torque=torque),
         ImuStream(edges[1:], mean(imu.angular_velocity_in_imu), mean(imu.acceleration_in_imu)),
     )
-
-
-def _interpolate(time: FloatArray, sampled: FloatArray, values: FloatArray) -> FloatArray:
-    return np.column_stack([np.interp(time, sampled, values[:, column]) for column in range(values.shape[1])])
