@@ -13,7 +13,7 @@ from equipoise.lab.gaits.crawl import ORDER, SHIFT, STANDING, SWING, crawl
 from equipoise.logs.motions.loads import FootLoads
 from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.motions.track import Track
-from equipoise.recording.trials import CrawlTrial, Step
+from equipoise.recording.trials import CrawlTrial, Step, read_trial
 from equipoise.robot.inertial import components
 from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import LEG_NAMES
@@ -180,7 +180,10 @@ def test_a_step_is_cut_to_when_its_foot_is_up():
     assert loads(*[up] * 20, *[down] * 30).cut(step, 0.25) is None
 
 
-def test_a_crawl_lasts_from_its_first_step_to_its_last():
+def test_a_crawl_is_written_and_read():
     trial = CrawlTrial(steps=(on_three("FL", 1.0, 1.4), on_three("RR", 2.6, 3.0)), found_at=1.0)
+    assert read_trial(trial.to_data()) == trial
     assert trial.duration == 2.0
     assert trial.steps[0].standing == ("FR", "RL", "RR")
+    with pytest.raises(RecordingError, match="are not two or three legs"):
+        read_trial({**trial.to_data(), "steps": [{"standing": ["FL", "FR", "tail"], "start": 0, "end": 1}]})

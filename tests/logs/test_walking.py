@@ -27,6 +27,7 @@ from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.offline import estimate_log
 from equipoise.logs.raw_log import Log
 from equipoise.recording.recording import ImuStream, JointStream, Recording
+from equipoise.recording.trials import Step, WalkTrial, read_trial
 from equipoise.report.contents import run_contents
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import components
@@ -272,6 +273,17 @@ def test_the_command_reads_a_walk(a1, trotted, tmp_path, capsys):
     shown = capsys.readouterr().out
     assert "walking steps" in shown
     assert "0 lifts" not in shown
+
+
+def test_a_walk_is_written_and_read():
+    trial = WalkTrial(steps=(Step(("FL", "RR"), 1.0, 1.2), Step(("FL", "RL"), 1.3, 1.5)), heading=0.5, found_at=1.0)
+    assert read_trial(trial.to_data()) == trial
+    with pytest.raises(RecordingError, match="are not two or three legs"):
+        read_trial({**trial.to_data(), "steps": [{"standing": ["RR", "FL"], "start": 0, "end": 1}]})
+    with pytest.raises(RecordingError, match="are not two or three legs"):
+        read_trial({**trial.to_data(), "steps": [{"standing": ["FL"], "start": 0, "end": 1}]})
+    with pytest.raises(RecordingError, match="a walk has steps on 2 feet"):
+        read_trial({**trial.to_data(), "steps": [{"standing": ["FL", "FR", "RL"], "start": 0, "end": 1}]})
 
 
 def swaying(bias=(0.0, 0.0, 0.0), seconds=20.0):

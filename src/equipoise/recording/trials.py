@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from itertools import combinations
 from typing import Any, ClassVar
 
 from equipoise.conventions import AXES, SWINGS, Axis, Swing
 from equipoise.errors import RecordingError
 from equipoise.json_form import from_json
 from equipoise.recording.phases import Phase
-from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, PAIRS
 from equipoise.robot.posture import BodyPosture
 
 
@@ -162,6 +163,9 @@ class StandTrial(RecordedTrial):
     complete_with: ClassVar[str] = Phase.REST
 
 
+_STANDING = (*PAIRS.values(), *combinations(LEG_NAMES, 3))
+
+
 @dataclass(frozen=True)
 class Step:
     """Time in which a walking robot stands on two feet or three.
@@ -175,9 +179,13 @@ class Step:
     start: float
     end: float
 
+    def __post_init__(self) -> None:
+        if self.standing not in _STANDING:
+            raise ValueError(f"{', '.join(self.standing)} are not two or three legs in the order {' '.join(LEG_NAMES)}")
+
     @property
     def pair(self) -> str:
-        """Return the name of the two feet that stand, one of `PAIRS` of the robot's model."""
+        """Return the name of the two feet that stand, one of PAIRS."""
         return "_".join(self.standing)
 
     @property
@@ -191,12 +199,18 @@ class SteppingTrial(RecordedTrial):
     """Steps of a robot, found in a log.
 
     Attributes:
+        feet: number of feet that stand in a step.
         steps: times in which feet are up.
     """
 
     starts_with: ClassVar[str] = Phase.WALK
     complete_with: ClassVar[str] = Phase.END
+    feet: ClassVar[int]
     steps: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        if any(len(step.standing) != self.feet for step in self.steps):
+            raise ValueError(f"a {self.kind} has steps on {self.feet} feet")
 
     @property
     def duration(self) -> float:
@@ -213,6 +227,7 @@ class WalkTrial(SteppingTrial):
     """
 
     kind: ClassVar[str] = "walk"
+    feet: ClassVar[int] = 2
     heading: float
 
 
@@ -221,6 +236,7 @@ class CrawlTrial(SteppingTrial):
     """Crawl: one foot is moved after the other."""
 
     kind: ClassVar[str] = "crawl"
+    feet: ClassVar[int] = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,5 +292,4 @@ def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
         ) from error
 
 
-_KINDS = (LiftTrial, PostureTrial, ExcitationTrial, StandTrial, TurnTrial, MotorTrial)
-"""Kinds of trials in events; walks and crawls are only found in logs."""
+_KINDS = (LiftTrial, PostureTrial, ExcitationTrial, StandTrial, WalkTrial, CrawlTrial, TurnTrial, MotorTrial)
