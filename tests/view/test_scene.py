@@ -15,7 +15,7 @@ from equipoise.method.reading import ComEstimate
 from equipoise.platform.logged_platform import Logged
 from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import read_trial
+from equipoise.recording.trials import Step, WalkTrial, read_trial
 from equipoise.robot.model import LEG_NAMES
 from equipoise.view.convergence import estimates
 from equipoise.view.follow import follow, log_news
@@ -177,6 +177,8 @@ def test_an_estimate_as_text_and_trials_by_name():
     assert "| x | **+10.00** | 0.20 |" in text
     assert trial_title(None) == "motion"
     assert trial_title(read_trial({"kind": "motors", "leg": "FL"})) == "motors FL"
+    walk = WalkTrial(steps=(Step(("FL", "RR"), 1.0, 1.2),), heading=0.5, found_at=1.0)
+    assert trial_title(read_trial(walk.to_data())) == "walk", "one that was found in a log"
 
 
 def test_a_trial_is_shown_before_it_is_complete(a1, ideal_motions, tmp_path):
