@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import struct
+from collections.abc import Iterator
 from functools import lru_cache
 
 from equipoise.errors import RecordingError
@@ -12,47 +14,40 @@ from equipoise.recording.recording import CommandStream, ImuStream, JointStream
 
 JOINT_STATE, IMU, STRING = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu", "std_msgs/msg/String"
 
-_HEADER = """\
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-DEFINITIONS = {
-    JOINT_STATE: f"""\
-std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-{_HEADER}""",
-    IMU: f"""\
-std_msgs/Header header
-geometry_msgs/Quaternion orientation
-float64[9] orientation_covariance
-geometry_msgs/Vector3 angular_velocity
-float64[9] angular_velocity_covariance
-geometry_msgs/Vector3 linear_acceleration
-float64[9] linear_acceleration_covariance
-{_HEADER}\
-================================================================================
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-""",
-    STRING: "string data\n",
+FIELDS = {
+    "builtin_interfaces/Time": "int32 sec, uint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp, string frame_id",
+    "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
+    "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
+    "sensor_msgs/JointState": (
+        "std_msgs/Header header, string[] name, float64[] position, float64[] velocity, float64[] effort"
+    ),
+    "sensor_msgs/Imu": (
+        "std_msgs/Header header, geometry_msgs/Quaternion orientation, float64[9] orientation_covariance, "
+        "geometry_msgs/Vector3 angular_velocity, float64[9] angular_velocity_covariance, "
+        "geometry_msgs/Vector3 linear_acceleration, float64[9] linear_acceleration_covariance"
+    ),
 }
+"""Types and names of the fields of ROS's messages, by type; in [rad], [rad/s], [Nm] and [m/s2]."""
+
+
+def _nested(kind: str) -> Iterator[str]:
+    """Yield a type and the types of its fields, depth first."""
+    yield kind
+    for inner in re.findall(r"\w+/\w+", FIELDS[kind]):
+        yield from _nested(inner)
+
+
+def _definition(kind: str) -> str:
+    """Return the definition of a type in ROS's own form, followed by those of the types of its fields."""
+    lines = {each: FIELDS[each].replace(", ", "\n") + "\n" for each in _nested(kind)}
+    own = lines.pop(kind)
+    return own + "".join(f"{'=' * 80}\nMSG: {each}\n{text}" for each, text in lines.items())
+
+
+DEFINITIONS = {
+    JOINT_STATE: _definition("sensor_msgs/JointState"), IMU: _definition("sensor_msgs/Imu"), STRING: "string data\n",
+}  # fmt: skip
 """Definitions of the types in ROS's own form, for readers that lack them."""
 
 _UNKNOWN_COVARIANCE = (0.0,) * 9  # what zeros mean, by the definition of the message

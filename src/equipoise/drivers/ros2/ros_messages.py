@@ -11,22 +11,12 @@ import struct
 from collections.abc import Sequence
 
 from equipoise.drivers.dds.domain import RawSample, message_types, raw
+from equipoise.recording.messages import FIELDS
 
 _LITTLE_ENDIAN = b"\0\1\0\0"  # of plain CDR, before a sample
 _DEFINITIONS = {
-    "builtin_interfaces/Time": "int32 sec, uint32 nanosec",
+    **FIELDS,
     "builtin_interfaces/Duration": "int32 sec, uint32 nanosec",
-    "std_msgs/Header": "builtin_interfaces/Time stamp, string frame_id",
-    "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
-    "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
-    "sensor_msgs/JointState": (
-        "std_msgs/Header header, string[] name, float64[] position, float64[] velocity, float64[] effort"
-    ),
-    "sensor_msgs/Imu": (
-        "std_msgs/Header header, geometry_msgs/Quaternion orientation, float64[9] orientation_covariance, "
-        "geometry_msgs/Vector3 angular_velocity, float64[9] angular_velocity_covariance, "
-        "geometry_msgs/Vector3 linear_acceleration, float64[9] linear_acceleration_covariance"
-    ),
     "std_msgs/MultiArrayDimension": "string label, uint32 size, uint32 stride",
     "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim, uint32 data_offset",
     "std_msgs/Float64MultiArray": "std_msgs/MultiArrayLayout layout, float64[] data",
@@ -42,7 +32,7 @@ _DEFINITIONS = {
 missing data; a trajectory with stamp zero begins at once."""
 
 (
-    Time, Duration, Header, Vector3, Quaternion, JointState, Imu, MultiArrayDimension, MultiArrayLayout, Float64MultiArray,
+    Time, Header, Vector3, Quaternion, JointState, Imu, Duration, MultiArrayDimension, MultiArrayLayout, Float64MultiArray,
     JointTrajectoryPoint, JointTrajectory,
 ) = message_types(_DEFINITIONS)  # fmt: skip
 ENCODED_ARRAY = raw(Float64MultiArray)
