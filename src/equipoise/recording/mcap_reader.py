@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Generator, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -144,16 +143,13 @@ def was_closed(path: Path) -> bool:
         return size > len(_MAGIC) and file.read() == _MAGIC
 
 
-@contextmanager
-def opened(path: Path) -> Generator[BinaryIO]:
+def opened(path: Path) -> BinaryIO:
     """Open a recording to read it; raises RecordingError if that is not possible."""
     try:
         refuse_unreadable(path)
-        file = open(path, "rb")  # noqa: SIM115 - closed below
+        return open(path, "rb")
     except OSError as error:
         raise RecordingError(f"the recording {str(path)!r} cannot be read: {error.strerror}") from error
-    with file:
-        yield file
 
 
 def _of_chunk(content: bytes) -> bytes:

@@ -170,15 +170,10 @@ class Recording:
         return trial is not None and self.has_phase(trial.complete_with)
 
     @property
-    def interrupted(self) -> bool:
-        """Return whether its trial was begun, as by lifting feet, and is not complete."""
-        trial = self.trial
-        return trial is not None and self.has_phase(trial.starts_with) and not self.complete
-
-    @property
     def refused(self) -> bool:
-        """Return whether its trial was never begun: out of reach, or not safe."""
-        return self.trial is not None and not self.complete and not self.interrupted
+        """Return whether its trial was never begun, as by lifting feet: out of reach, or not safe."""
+        trial = self.trial
+        return trial is not None and not self.complete and not self.has_phase(trial.starts_with)
 
     def has_phase(self, name: str) -> bool:
         """Return whether a phase of that name began."""

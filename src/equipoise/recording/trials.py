@@ -2,7 +2,7 @@
 
 A commanded trial is written into a recording as the data of one event, `{"kind": "lift", "diagonal": "FL_RR", ...}`, and
 `Recording.trial` reads it from there. A trial found in a log is `Recording.found_trial`. The phases of its recording
-determine how far it came: `Recording.complete`, `interrupted`, `refused`.
+determine how far it came: `Recording.complete`, `refused`, or interrupted.
 """
 
 from __future__ import annotations
