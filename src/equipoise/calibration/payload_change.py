@@ -27,7 +27,10 @@ from equipoise.result.body import Body
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import InertialParameters, RobotInertia, components, composite_parameters
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.robot.stance import nominal_stance
+
+Propagated = tuple[FloatArray, FloatArray]
+"""Value of a function, and its covariance from that of the argument."""
 
 SCHEMA = "equipoise.payload_change/1"
 # Changes that are negligible for a controller: of the robot's mass, of a metre on an A1, of the largest moment.
@@ -102,7 +105,7 @@ def find_payload_change(
     motions = read_motions(robot, stance, before), read_motions(robot, stance, after)
     runs = estimate_two_runs(robot, stance, motions, priors, scale)
     warnings = () if runs.converged else ("the estimate did not converge: some recordings contradict the model",)
-    return _payload_change(robot, stance, runs, warnings)
+    return _payload_change(robot, runs, warnings)
 
 
 def find_payload_change_since(robot: RobotModel, prior_run: PriorRun, evidence: PosteriorEvidence) -> PayloadChange:
@@ -116,7 +119,7 @@ def find_payload_change_since(robot: RobotModel, prior_run: PriorRun, evidence: 
     """
     prior_run.check(robot)
     runs = both_runs(prior_run, evidence.posterior, evidence.changes)
-    return _payload_change(robot, nominal_stance(robot), runs, tuple(change.message for change in evidence.changes))
+    return _payload_change(robot, runs, tuple(change.message for change in evidence.changes))
 
 
 def find_payload_change_from_file(robot: RobotModel, evidence: PosteriorEvidence) -> PayloadChange:
@@ -125,11 +128,11 @@ def find_payload_change_from_file(robot: RobotModel, evidence: PosteriorEvidence
     Args:
         evidence: evidence of a result without a prior run.
     """
-    posterior, stance = evidence.posterior, nominal_stance(robot)
-    body, file = posterior.unknowns.robot_body, composite_parameters(robot, stance.joint_position)
+    posterior, file = evidence.posterior, composite_parameters(robot, nominal_stance(robot).joint_position)
+    body = posterior.unknowns.robot_body
     changed = _propagated(lambda x: components(body(x)) - components(file), posterior.x, posterior.covariance)
     added = _propagated(lambda x: body(x).vector - file.vector, posterior.x, posterior.covariance)
-    return _change_of(robot, stance, changed, added, ())
+    return _change_of(robot, changed, added, ())
 
 
 def negligible_changes(whole: InertialParameters, length_scale: float) -> FloatArray:
@@ -142,29 +145,23 @@ def negligible_changes(whole: InertialParameters, length_scale: float) -> FloatA
     return np.repeat(_NEGLIGIBLE * [whole.mass, length_scale, whole.principal_moments[-1]], [1, 3, 6])
 
 
-def _payload_change(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: tuple[str, ...]) -> PayloadChange:
-    size, base = runs.unknowns.size, runs.unknowns["base"]
-    both = np.concatenate([runs.first, runs.second])
+def _payload_change(robot: RobotModel, runs: TwoRuns, warnings: tuple[str, ...]) -> PayloadChange:
+    base, body = runs.unknowns["base"], runs.unknowns.robot_body
 
     def added(x: FloatArray) -> FloatArray:
-        return base_vector(x[size:][base]) - base_vector(x[:size][base])
+        first, second = np.split(x, 2)
+        return base_vector(second[base]) - base_vector(first[base])
 
     def changed(x: FloatArray) -> FloatArray:
-        body = runs.unknowns.robot_body
-        return components(body(x[size:])) - components(body(x[:size]))
+        first, second = np.split(x, 2)
+        return components(body(second)) - components(body(first))
 
-    return _change_of(
-        robot, stance, _propagated(changed, both, runs.covariance), _propagated(added, both, runs.covariance), warnings
-    )
+    both = np.concatenate([runs.first, runs.second])
+    change, payload = (_propagated(function, both, runs.covariance) for function in (changed, added))
+    return _change_of(robot, change, payload, warnings)
 
 
-def _change_of(
-    robot: RobotModel,
-    stance: Stance,
-    changed: tuple[FloatArray, FloatArray],
-    added: tuple[FloatArray, FloatArray],
-    warnings: tuple[str, ...],
-) -> PayloadChange:
+def _change_of(robot: RobotModel, changed: Propagated, added: Propagated, warnings: tuple[str, ...]) -> PayloadChange:
     """Return a change.
 
     Args:
@@ -172,6 +169,7 @@ def _change_of(
         added: (10,) added parameters about the base's origin, and their covariance.
     """
     (change, change_covariance), (vector, covariance) = changed, added
+    stance = nominal_stance(robot)
     removed = bool(vector[0] < 0)
     vector = -vector if removed else vector
     payload = _payload(vector, covariance, float(np.ptp(stance.feet_in_base[:, 0])) / 2)
@@ -199,9 +197,7 @@ def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> Body:
     return Body.of(values, spread, typical)
 
 
-def _propagated(
-    function: Callable[[FloatArray], FloatArray], at: FloatArray, covariance: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _propagated(function: Callable[[FloatArray], FloatArray], at: FloatArray, covariance: FloatArray) -> Propagated:
     """Return a function's value and its first-order covariance from those of its argument."""
     steps = 1e-3 * np.sqrt(np.diag(covariance))
     columns = [

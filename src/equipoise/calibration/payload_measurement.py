@@ -6,11 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from equipoise.calibration.payload_change import (
-    PayloadChange,
-    find_payload_change_from_file,
-    find_payload_change_since,
-)
+from equipoise.calibration.payload_change import PayloadChange, find_payload_change_from_file, find_payload_change_since
 from equipoise.errors import NotEstimatedError
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.prior_runs.prior_run import PriorRun
