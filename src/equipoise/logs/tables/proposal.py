@@ -98,7 +98,7 @@ def _of_free_flyer(robot: RobotModel, file: TableFile, by_kind: ByKind) -> dict[
 def _of_base(robot: RobotModel, kind: str, by_kind: ByKind) -> list[str]:
     """Return the columns of the base in the first family that has some of a floating base before those of all joints."""
     for family in by_kind.get(kind, {}).values():
-        columns = [family[number] for number in _numbers(family)]
+        columns = _numbered(family)
         if len(columns) == _FLOATING_BASE[kind] + len(robot.joint_names):
             return columns[: _FLOATING_BASE[kind]]
     return []
@@ -136,8 +136,8 @@ def _found(robot: RobotModel, file: TableFile, kind: str, by_kind: ByKind) -> tu
     if found or kind not in ("gyro", "accelerometer"):
         return found, "by name"
     for family in by_kind.get("imu", {}).values():
-        if len(numbers := _numbers(family)) == 6:
-            return _of_six(file, kind, [family[number] for number in numbers])
+        if len(columns := _numbered(family)) == 6:
+            return _of_six(file, kind, columns)
     return {}, ""
 
 
@@ -185,17 +185,18 @@ def _unused_columns(file: TableFile, used: Collection[str]) -> str:
 def _sensor(kind: str, of_kind: Families) -> dict[str, str]:
     """Return the first family with a column for every part of a sensor, by documented names."""
     for family, sensor in itertools.product(of_kind.values(), _SENSORS[kind]):
-        parts = [name.partition(".")[2] for name in sensor]
-        numbered = _numbers(family)[:4] if sensor in (GYROSCOPE, ACCELEROMETER, BASE_POSITION) else []
-        for keys in (parts, numbered):
-            if len(keys) == len(parts) and set(keys) <= set(family):
-                return {ours: family[key] for ours, key in zip(sensor, keys, strict=True)}
+        by_part = {name: column for name in sensor if (column := family.get(name.partition(".")[2]))}
+        if len(by_part) == len(sensor):
+            return by_part
+        numbered = _numbered(family)[:4] if sensor in (GYROSCOPE, ACCELEROMETER, BASE_POSITION) else []
+        if len(numbered) == len(sensor):
+            return dict(zip(sensor, numbered, strict=True))
     return {}
 
 
-def _numbers(family: Collection[str]) -> list[str]:
-    """Return the parts of a family that are numbers, in order."""
-    return sorted((part for part in family if part.isdigit()), key=int)
+def _numbered(family: Mapping[str, str]) -> list[str]:
+    """Return the columns of a family whose parts are numbers, in order."""
+    return [family[part] for part in sorted((part for part in family if part.isdigit()), key=int)]
 
 
 def _named_joints(robot: RobotModel, kind: str, of_kind: Iterable[Mapping[str, str]]) -> dict[str, str]:
@@ -215,7 +216,7 @@ def _numbered_joints(robot: RobotModel, file: TableFile, kind: str, by_kind: ByK
     for words, family in by_kind.get(kind, {}).items():
         if in_cells := _joints_in_cells(robot, file, kind, words, by_kind):
             return in_cells, "by the names in the log's cells"
-        columns = [family[number] for number in _numbers(family)]
+        columns = _numbered(family)
         if in_unitrees_order(words) and MOTORS == count <= len(columns):
             matches = map_by_order(robot, MOTOR_LEGS, columns).matches
             how = f"motors of Unitree, legs in the order {' '.join(MOTOR_LEGS)}"
@@ -244,31 +245,25 @@ def check_names_in_cells(robot: RobotModel, file: TableFile, columns: Columns) -
 def _joints_in_cells(
     robot: RobotModel, file: TableFile, kind: str, words: tuple[str, ...], by_kind: ByKind
 ) -> dict[str, str]:
-    """Return a family's numbered columns by the names in the log's cells, or by the model's names if these match."""
-    family = by_kind[kind][words]
-    labels = _labels(file, kind, words, _numbers(family), by_kind)
-    by_label = {label: family[number] for number, label in labels.items()}
-    return _named_joints(robot, kind, [by_label]) or {f"{kind}.{label}": by_label[label] for label in by_label}
+    """Return a family's numbered columns by the names in the log's cells, or by the model's names if these match.
 
-
-def _labels(
-    file: TableFile, kind: str, words: Collection[str], numbers: Sequence[str], by_kind: ByKind
-) -> dict[str, str]:
-    """Return the names of joints that the log's cells hold for numbered columns, by number; none if their count differs.
+    There may be columns of a floating base before the joints; if the names have another count, none are returned. Names from
+    the same message come first.
 
     Args:
-        words: words that the numbered columns share; names from the same message come first.
-        numbers: numbers of the columns, perhaps with those of a floating base before the joints.
+        words: words that the numbered columns share.
 
     Raises:
         RecordingError: a column of names holds several.
     """
+    columns = _numbered(by_kind[kind][words])
     same = sorted(by_kind.get("name", {}).items(), key=lambda item: source_of(item[0]) != source_of(words))
     for _, family in same:
-        labels = [label for number in _numbers(family) if (label := file.text(family[number]))]
-        base = len(numbers) - len(labels)
+        labels = [label for column in _numbered(family) if (label := file.text(column))]
+        base = len(columns) - len(labels)
         if labels and len(set(labels)) == len(labels) and base in (0, _FLOATING_BASE[kind]):
-            return dict(zip(numbers[base:], labels, strict=True))
+            found = dict(zip(labels, columns[base:], strict=True))
+            return _named_joints(robot, kind, [found]) or {f"{kind}.{label}": found[label] for label in found}
     return {}
 
 
