@@ -109,8 +109,10 @@ class _Walk:
         kind, detail = node
         if kind == Nodetype.NAME:
             self.message(detail, path)
+        elif kind == Nodetype.BASE and detail[0] in _NUMBERS:
+            self._number(detail[0], path, ())
         elif kind == Nodetype.BASE:
-            self._base(detail[0], path)
+            self._text(path)
         else:
             inner, count = detail
             self._many(inner, count if kind == Nodetype.ARRAY else self._count(), path)
@@ -118,20 +120,14 @@ class _Walk:
     def _many(self, inner: Any, count: int, path: str) -> None:
         kind, detail = inner
         if kind == Nodetype.BASE and detail[0] in _NUMBERS:
-            if count:
-                self._number(detail[0], path, (count,))
-            else:
-                self.fields[path] = ("f8", (0,)), self._position
+            self._number(detail[0], path, (count,))
             return
         if count > len(self._body):
             raise ValueError(f"{path} cannot have {count} parts")
         for index in range(count):
             self._node(inner, f"{path}.{index}")
 
-    def _base(self, base: str, path: str) -> None:
-        if base in _NUMBERS:
-            self._number(base, path, ())
-            return
+    def _text(self, path: str) -> None:
         length = self._count()
         self.texts[path] = self._body[self._position : self._position + length].rstrip(b"\0").decode()
         self.fixed += range(self._position, min(self._position + length, len(self._body)))
@@ -139,7 +135,7 @@ class _Walk:
 
     def _number(self, base: str, path: str, shape: tuple[int, ...]) -> None:
         number = np.dtype(self._order + _NUMBERS[base])
-        self._align(number.itemsize)
+        self._align(number.itemsize if 0 not in shape else 1)
         self.fields[path] = (number, shape), self._position
         self._position += number.itemsize * int(np.prod(shape, dtype=int))
 
