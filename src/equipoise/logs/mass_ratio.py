@@ -20,13 +20,12 @@ from equipoise.estimator.diagnostics.torque_mass import torque_constants
 from equipoise.estimator.equations.torque_balance import STICTION_SPEED
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.unknowns import Values
+from equipoise.logs.motions.loads import vertical_forces
 from equipoise.logs.motions.segments import LogSegment
 from equipoise.logs.motions.track import Track
 from equipoise.recording.trials import WalkTrial
-from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
-from equipoise.robot.statics import torques_of_legs
 
 _SHORTEST = 1.0  # [s] on an A1 of a piece of walking: two gait cycles
 _FEWEST, _MOST = 4, 30  # pieces of 2 s
@@ -99,8 +98,7 @@ def _load(robot: RobotModel, track: Track, values: Values) -> FloatArray:
     velocity = np.gradient(track.joint_position, track.time, axis=0)
     friction = values["coulomb_friction"] * np.tanh(velocity / STICTION_SPEED) + values["viscous_friction"] * velocity
     torque = (1 + values["torque_gain_common"] + values["torque_gain"]) * track.joint_torque - friction
-    of_legs = np.array([torques_of_legs(robot, position) for position in track.joint_position])
-    return feet_and_forces(robot, track.joint_position, torque - of_legs)[1][:, :, 2].sum(axis=1)
+    return vertical_forces(robot, track.joint_position, torque).sum(axis=1)
 
 
 def _variance_of_mean(values: FloatArray) -> float:

@@ -71,10 +71,13 @@ class FootLoads:
         """
         walking, parts = _walking(track, steps), [track.indices(step.start, step.end) for step in steps]
         looked_at = np.unique(np.concatenate([_spread(part, part.stop - part.start) for part in parts]))
-        usual = _vertical_forces(robot, track, _spread(walking, _LOOKED_AT)).mean()
+        position, torque, some = track.joint_position, track.joint_torque, _spread(walking, _LOOKED_AT)
+        assert torque is not None  # as the caller has checked
+        usual = vertical_forces(robot, position[some], torque[some]).mean()
         if not PLAUSIBLE_LOAD[0] < 4 * usual / (GRAVITY * robot.mass) < PLAUSIBLE_LOAD[1]:
             return None
-        return cls("joint torques", track.time[looked_at], _vertical_forces(robot, track, looked_at) / usual)
+        load = vertical_forces(robot, position[looked_at], torque[looked_at]) / usual
+        return cls("joint torques", track.time[looked_at], load)
 
     def contradicts(self, step: Step) -> bool:
         """Return whether a lifted foot carries load on the whole, or a standing one does not."""
@@ -174,9 +177,7 @@ def _spread(part: slice, count: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(part.start, part.stop - 1, count, dtype=np.intp))
 
 
-def _vertical_forces(robot: RobotModel, track: Track, samples: NDArray[np.intp]) -> FloatArray:
-    """Return (k, 4) forces on the feet along the base's z, by the joint torques of k samples, by index [N]."""
-    assert track.joint_torque is not None
-    position = track.joint_position[samples]
+def vertical_forces(robot: RobotModel, position: FloatArray, torque: FloatArray) -> FloatArray:
+    """Return (n, 4) forces on the feet along the base's z axis, by (n, nj) positions and torques of the joints [N]."""
     of_legs = np.array([torques_of_legs(robot, one) for one in position])
-    return feet_and_forces(robot, position, track.joint_torque[samples] - of_legs)[1][:, :, 2]
+    return feet_and_forces(robot, position, torque - of_legs)[1][:, :, 2]
