@@ -7,7 +7,6 @@ the weights in the estimate: differentiation amplifies it at high frequencies.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
@@ -15,7 +14,7 @@ from equipoise.errors import RecordingError
 from equipoise.estimator.measurements.lift_samples import POSE_KNOT
 from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.logs.raw_log import RawImu
-from equipoise.logs.repeats import repeated_rows
+from equipoise.logs.repeats import increasing, repeated_rows
 from equipoise.robot.model import RobotModel
 
 _STEP = 0.008  # [s] between samples without a gyroscope
@@ -53,7 +52,7 @@ def imu_of_poses(
         raise RecordingError(
             f"the log has {1 / period:.0f} poses of the base a second; at least {1 / slowest:.0f} are needed: record faster"
         )
-    rows = _increasing(time)
+    rows = increasing(time)
     stamps = time[rows]
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     variances: list[tuple[float, float]] = []
@@ -82,16 +81,10 @@ def imu_of_poses(
     return RawImu(at, turning, force, pose_noise=np.tile(density, (len(at), 1))), message
 
 
-def _increasing(time: FloatArray) -> NDArray[np.intp]:
-    """Return the rows whose times are numbers and exceed all before."""
-    rows = np.flatnonzero(np.isfinite(time))
-    return rows[np.diff(np.maximum.accumulate(time[rows]), prepend=-np.inf) > 0]
-
-
 def _valid(time: FloatArray, position: FloatArray, quat_wxyz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the usable poses."""
     poses = np.column_stack([position, quat_wxyz])
-    rows = _increasing(np.where(np.isfinite(poses).all(axis=1), time, np.nan))
+    rows = increasing(np.where(np.isfinite(poses).all(axis=1), time, np.nan))
     if len(rows) < 2:
         raise RecordingError(f"the log has {len(rows)} poses of the base, and needs some seconds of them")
     rows = rows[~repeated_rows([poses[rows]])]

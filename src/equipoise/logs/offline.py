@@ -17,10 +17,9 @@ from equipoise.estimator.unknowns import Priors
 from equipoise.json_form import to_json
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.gyroscope import compare_gyroscope
-from equipoise.logs.motions.segments import LogSegment, find_segments, usable
+from equipoise.logs.motions.segments import LogSegment, find_segments, marked, usable
 from equipoise.logs.raw_log import Log, rate
 from equipoise.method.method import Method
-from equipoise.recording.event import PHASE, Event
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, StandTrial, WalkTrial
@@ -151,8 +150,7 @@ def estimate_standing_log(robot: RobotModel, log: Log, method: Method) -> LogEst
             "torques have the wrong sign. Record it standing on four feet, or correct the sign"
         )
     start, end = float(time[0]), float(time[-1])
-    trial = StandTrial(found_at=start)
-    recording = replace(log.recording, events=(Event(start, PHASE, {"name": Phase.REST}),), found_trial=trial)
+    recording = marked(log.recording, [(Phase.REST, start)], start, np.inf, StandTrial(found_at=start))
     result = method.estimate(robot, [recording], nominal_stance(robot))
     segment = LogSegment(start, end, "rest", "rest on four feet", None, recording)
     return LogEstimate(result, LogReport(log, (segment,), log.findings))

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.logs.repeats import increasing
 
 _UNIT = 0.02  # by which a quaternion's norm may differ from one
 # Median angle between the orientation's vertical and the accelerometer's: filters agree within a degree or two.
@@ -36,15 +37,14 @@ def angular_velocity_of(time: FloatArray, quat_wxyz: FloatArray, acceleration_in
     if abs(usual - 1) > _UNIT:
         raise RecordingError(f"the orientation's quaternions have a norm of {usual:.3g}; it must be 1, and w the first")
     valid &= np.abs(norm - 1) < _UNIT  # some drivers log zeros until their filter runs
-    latest = np.maximum.accumulate(np.where(valid, time, -np.inf))
-    valid[1:] &= time[1:] > latest[:-1]
-    if valid.sum() < 3:
+    rows = increasing(np.where(valid, time, np.nan))
+    if len(rows) < 3:
         raise RecordingError(
-            f"the log has no gyroscope, and its orientation is valid in {valid.sum()} samples: log the raw gyroscope"
+            f"the log has no gyroscope, and its orientation is valid in {len(rows)} samples: log the raw gyroscope"
         )
-    _check_orientation(quat_wxyz[valid], acceleration_in_imu[valid])
+    _check_orientation(quat_wxyz[rows], acceleration_in_imu[rows])
     found = np.full((len(time), 3), np.nan)
-    found[valid] = _angular_velocity(time[valid], _rotations(quat_wxyz[valid]))
+    found[rows] = _angular_velocity(time[rows], _rotations(quat_wxyz[rows]))
     return found
 
 

@@ -18,7 +18,7 @@ from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import JointMap, map_joints
 from equipoise.logs.motions.loads import FootLoads
 from equipoise.logs.orientation import angular_velocity_of
-from equipoise.logs.repeats import repeated_rows
+from equipoise.logs.repeats import increasing, repeated_rows
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording, read_only
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.kinematics import foot_positions
@@ -174,8 +174,7 @@ def _foot_forces(raw: RawJoints, origin: float) -> FootLoads | None:
     """Return the readings of the foot force sensors; None without them, or if they never change."""
     if raw.foot_force is None:
         return None
-    latest = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(raw.time[:-1], nan=-np.inf)]))
-    kept = np.isfinite(raw.time) & (raw.time > latest) & np.isfinite(raw.foot_force).all(axis=1)
+    kept = increasing(np.where(np.isfinite(raw.foot_force).all(axis=1), raw.time, np.nan))
     force = np.asarray(raw.foot_force[kept], dtype=float)
     if len(force) < 2 or not np.ptp(force, axis=0).any():
         return None

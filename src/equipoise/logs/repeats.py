@@ -1,4 +1,4 @@
-"""Repeated samples in logs that are written faster than the sensor is read."""
+"""Repeated samples in logs that are written faster than the sensor is read, and stamps that do not increase."""
 
 from __future__ import annotations
 
@@ -22,3 +22,9 @@ def repeated_rows(values: Sequence[FloatArray]) -> NDArray[np.bool_]:
     repeated = np.concatenate([[False], same])
     longest = int(np.diff(np.flatnonzero(np.concatenate([[True], ~repeated[1:], [True]]))).max())
     return repeated if repeated.mean() > _REPEATED and longest <= _LONGEST else np.zeros_like(repeated)
+
+
+def increasing(time: FloatArray) -> NDArray[np.intp]:
+    """Return the rows whose times are numbers and exceed all before."""
+    rows = np.flatnonzero(np.isfinite(time))
+    return rows[np.diff(np.maximum.accumulate(time[rows]), prepend=-np.inf) > 0]

@@ -174,9 +174,7 @@ def _with_names(
     head = rows[0][1] if rows else []
     if remark and head and len(remark[0]) == len(head) and _is_number(head[0]):
         return remark[0], rows
-    counted = head in (
-        [str(first + index) for index in range(len(head))] for first in (0, 1)
-    )  # as pandas names columns
+    counted = head in ([*map(str, range(first, first + len(head)))] for first in (0, 1))  # as pandas names columns
     if all(map(_is_number, head)) and not counted:
         return [f"[{index}]" for index in range(len(head))], rows
     return [cell.strip() for cell in head], rows[1:]
