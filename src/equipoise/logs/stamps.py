@@ -41,7 +41,16 @@ def common_times(
     if any(stream.header.size for stream in sensed):
         message = f"{'; '.join(reasons)}: receive times are used, which include the delays of the connection"
         findings.append(LogFinding("stamps", message))
-    return _by_receipt(streams, min(int(stream.received[0]) for stream in sensed))
+    times: dict[str, FloatArray] = {}
+    origin, kind = min(int(stream.received[0]) for stream in sensed), "receive times"
+    for stream in streams:
+        steady = _by_ticks(stream)
+        if steady is None:
+            times[stream.topic] = _seconds(stream.received, origin)
+        else:
+            times[stream.topic] = np.asarray((steady + float(stream.received[0] - origin)) * 1e-9, dtype=float)
+            kind = "receive times, smoothed by the robot's tick"
+    return times, kind
 
 
 def _why_not_header(stream: GatheredTopic) -> str | None:
@@ -56,19 +65,6 @@ def _why_not_header(stream: GatheredTopic) -> str | None:
     if abs(float(span) - float(received)) > _SPAN * max(float(received), 1e8):
         return f"its stamps span {span * 1e-9:.1f} s, its receive times {received * 1e-9:.1f} s"
     return None
-
-
-def _by_receipt(streams: Sequence[GatheredTopic], origin: int) -> tuple[dict[str, FloatArray], str]:
-    times: dict[str, FloatArray] = {}
-    kind = "receive times"
-    for stream in streams:
-        steady = _by_ticks(stream)
-        if steady is None:
-            times[stream.topic] = _seconds(stream.received, origin)
-        else:
-            times[stream.topic] = np.asarray((steady + float(stream.received[0] - origin)) * 1e-9, dtype=float)
-            kind = "receive times, smoothed by the robot's tick"
-    return times, kind
 
 
 def _by_ticks(stream: GatheredTopic) -> FloatArray | None:

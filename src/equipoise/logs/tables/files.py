@@ -49,12 +49,6 @@ class TableFile:
     passed_over: tuple[str, ...] = ()
     texts: Mapping[str, Iterable[str]] = field(default_factory=dict[str, Iterable[str]])
 
-    def refuse_twins(self, names: Iterable[str]) -> None:
-        """Raise RecordingError if two columns have one of some names."""
-        for name in names:
-            if self.names.count(name) > 1:
-                raise RecordingError(f"{self.title} has the column {name!r} twice")
-
     def column(self, name: str) -> FloatArray:
         """Return (n,) a column; cells without a number are NaN, and time stamps are seconds since 1970.
 

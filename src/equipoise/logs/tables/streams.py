@@ -71,7 +71,8 @@ def read_table(
     file = open_tables((path, *tables), given)
     given.check(file.names, file.title)
     known = given.of_table(file.names)
-    file.refuse_twins(known.names.values())
+    if twin := next((name for name in known.names.values() if file.names.count(name) > 1), None):
+        raise RecordingError(f"{file.title} has the column {twin!r} twice")
     if standing and not known.has([TIME]):
         known = replace(known, rate=known.rate or 1.0)
     if missing := known.missing(standing):
