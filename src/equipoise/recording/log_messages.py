@@ -22,21 +22,16 @@ from typing import Any
 
 import numpy as np
 
+from equipoise.recording import messages
 from equipoise.recording.clock import nanoseconds
-from equipoise.recording.messages import (
-    IMU,
-    JOINT_STATE,
-    STRING,
-    command_messages,
-    imu_messages,
-    joint_messages,
-    text_message,
-)
 from equipoise.recording.recording import Recording
 
 FORMAT = "equipoise.log/1"
 JOINTS, INERTIAL, COMMANDS, EVENTS, LOG = "/joint_states", "/imu/data", "/joint_commands", "/events", "/run_log"
-TYPES = {LOG: STRING, JOINTS: JOINT_STATE, INERTIAL: IMU, COMMANDS: JOINT_STATE, EVENTS: STRING}
+TYPES = {
+    LOG: messages.STRING, JOINTS: messages.JOINT_STATE, INERTIAL: messages.IMU, COMMANDS: messages.JOINT_STATE,
+    EVENTS: messages.STRING,
+}  # fmt: skip
 """Types of the messages, by topic."""
 
 
@@ -45,11 +40,11 @@ def messages_of(piece: Recording) -> Iterator[tuple[int, str, bytes]]:
     names, joints, imu, commands = piece.joint_names, piece.joints, piece.imu, piece.commands
     # Events stay in the order in which they were recorded; their own times are in the texts.
     times = np.maximum.accumulate(nanoseconds(np.array([event.time for event in piece.events])))
-    yield from _stamped(EVENTS, times, (text_message(json.dumps(vars(event))) for event in piece.events))
-    yield from _stamped(JOINTS, nanoseconds(joints.time), joint_messages(names, joints))
-    yield from _stamped(INERTIAL, nanoseconds(imu.time), imu_messages(imu))
+    yield from _stamped(EVENTS, times, (messages.text_message(json.dumps(vars(event))) for event in piece.events))
+    yield from _stamped(JOINTS, nanoseconds(joints.time), messages.joint_messages(names, joints))
+    yield from _stamped(INERTIAL, nanoseconds(imu.time), messages.imu_messages(imu))
     if commands is not None:
-        yield from _stamped(COMMANDS, nanoseconds(commands.time), command_messages(names, commands))
+        yield from _stamped(COMMANDS, nanoseconds(commands.time), messages.command_messages(names, commands))
 
 
 def piece_entry(piece: Recording) -> dict[str, Any]:

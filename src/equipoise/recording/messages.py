@@ -59,11 +59,8 @@ def joint_state(joint_names: tuple[str, ...], velocity: bool, effort: bool) -> L
     """Return the layout of sensor_msgs/JointState for some joints, with or without velocities and efforts."""
     count = len(joint_names)
     names = [part for name in joint_names for part in text(name)]
-    samples = [
-        *sequence("position", count),
-        *sequence("velocity", count * velocity),
-        *sequence("effort", count * effort),
-    ]
+    counts = {"position": count, "velocity": count * velocity, "effort": count * effort}
+    samples = [part for name, values in counts.items() for part in sequence(name, values)]
     return layout_of([*header(""), constant(count, "<u4"), *names, *samples])
 
 

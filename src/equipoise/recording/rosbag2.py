@@ -36,15 +36,11 @@ def write_metadata(folder: Path, files: Sequence[Path]) -> None:
             counts.update(topic for topic, *_ in messages)
             times += (of_file := [time for _, _, time, _ in messages])
             parts.append({"path": path.name, **_span(of_file), "message_count": len(messages)})
+    encoded = {"serialization_format": "cdr", "offered_qos_profiles": ""}
     topics = [
-        {
-            "topic_metadata": {
-                "name": name, "type": kind, "serialization_format": "cdr", "offered_qos_profiles": "",
-            },
-            "message_count": counts[name],
-        }
+        {"topic_metadata": {"name": name, "type": kind, **encoded}, "message_count": counts[name]}
         for name, kind in TYPES.items()
-    ]  # fmt: skip
+    ]
     information = {
         "version": _VERSION,
         "storage_identifier": "mcap",
