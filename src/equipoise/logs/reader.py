@@ -40,14 +40,9 @@ class LogReader(Protocol):
 
 
 _TABLES, _BAGS = "equipoise.logs.tables.streams:read_table", "equipoise.logs.rosbag:read_bag"
+_OURS = dict.fromkeys(bag_files.SUFFIXES, _BAGS) | dict.fromkeys(files.SUFFIXES, _TABLES)
 READERS: Table[LogReader] = Table(
-    "log reader",
-    "equipoise.readers",
-    LogReader,
-    {
-        **dict.fromkeys((suffix.removeprefix(".") for suffix in bag_files.SUFFIXES), _BAGS),
-        **dict.fromkeys((suffix.removeprefix(".") for suffix in files.SUFFIXES), _TABLES),
-    },
+    "log reader", "equipoise.readers", LogReader, {suffix.removeprefix("."): reader for suffix, reader in _OURS.items()}
 )
 """Readers by suffix, without the dot."""
 

@@ -149,15 +149,13 @@ class Contacts:
 
     def findings(self) -> list[LogFinding]:
         """Return findings on the contradictions."""
-        found = [
-            LogFinding(
-                "contacts",
+        found: list[LogFinding] = []
+        for source, count in (+self._contradicted).items():  # positive counts
+            message = (
                 f"{source} contradict {count} of {self._seen[source]} steps found by legs and IMU: a lifted foot carries "
-                "load, or a standing one does not. These steps are left out",
+                "load, or a standing one does not. These steps are left out"
             )
-            for source, count in self._contradicted.items()
-            if count
-        ]
+            found.append(LogFinding("contacts", message))
         if self._doubted:
             message = (
                 f"foot forces contradict most of {self._doubted} steps found by legs and IMU, and are not used: check that "

@@ -26,6 +26,15 @@ QUATERNION = tuple(f"orientation.{part}" for part in "wxyz")
 ANGLES = tuple(f"orientation.{part}" for part in ("roll", "pitch", "yaw"))
 BASE_POSITION = tuple(f"base_position.{axis}" for axis in "xyz")
 FOOT_FORCES = tuple(f"foot_force.{leg}" for leg in LEG_NAMES)
+SENSORS = {
+    TIME: ((TIME,),),
+    "gyro": (GYROSCOPE,),
+    "accelerometer": (ACCELEROMETER,),
+    "orientation": (QUATERNION, ANGLES),
+    "base_position": (BASE_POSITION,),
+    "foot_force": (FOOT_FORCES,),
+}
+"""Documented names by kind, but for joints: those of a sensor stand together; one of several suffices."""
 _SENSED = (*GYROSCOPE, *ACCELEROMETER, *QUATERNION, *ANGLES, *BASE_POSITION, *FOOT_FORCES)
 
 _ANGLE = {"rad": 1.0, "deg": np.pi / 180}

@@ -16,12 +16,10 @@ from equipoise.logs.joint_names import map_by_order, map_joints
 from equipoise.logs.tables.by_name import FORMULA, Families, families, in_unitrees_order, named, source_of
 from equipoise.logs.tables.column_names import (
     ACCELEROMETER,
-    ANGLES,
     BASE_POSITION,
-    FOOT_FORCES,
     GYROSCOPE,
     JOINT_KINDS,
-    QUATERNION,
+    SENSORS,
     TIME,
     UNITS,
     Columns,
@@ -184,7 +182,7 @@ def _unused_columns(file: TableFile, used: Collection[str]) -> str:
 
 def _sensor(kind: str, of_kind: Families) -> dict[str, str]:
     """Return the first family with a column for every part of a sensor, by documented names."""
-    for family, sensor in itertools.product(of_kind.values(), _SENSORS[kind]):
+    for family, sensor in itertools.product(of_kind.values(), SENSORS[kind]):
         by_part = {name: column for name in sensor if (column := family.get(name.partition(".")[2]))}
         if len(by_part) == len(sensor):
             return by_part
@@ -275,12 +273,9 @@ def _by_kind(file: TableFile, taken: Collection[str]) -> ByKind:
 
 def _without_incomplete_sensors(known: Columns) -> Columns:
     """Return columns without the documented names of incomplete sensors: the table's other axes belong to those."""
-    incomplete = [sensor for sensors in _SENSORS.values() for sensor in sensors if not known.has(sensor)]
-    names = {
-        name: theirs
-        for name, theirs in known.names.items()
-        if name != theirs or not any(name in sensor for sensor in incomplete)
-    }
+    sensors = itertools.chain.from_iterable(SENSORS.values())
+    incomplete = set(itertools.chain.from_iterable(sensor for sensor in sensors if not known.has(sensor)))
+    names = {ours: theirs for ours, theirs in known.names.items() if ours != theirs or ours not in incomplete}
     return replace(known, names=names)
 
 
@@ -290,13 +285,3 @@ def _unused(names: Sequence[str], used: Collection[str]) -> Iterator[str]:
         array = list(of)
         free = [name for name in array if name not in used]
         yield from [f"{free[0]} to {free[-1]}"] if free == array and len(free) > 1 else free
-
-
-_SENSORS = {
-    "time": ((TIME,),),
-    "gyro": (GYROSCOPE,),
-    "accelerometer": (ACCELEROMETER,),
-    "orientation": (QUATERNION, ANGLES),
-    "base_position": (BASE_POSITION,),
-    "foot_force": (FOOT_FORCES,),
-}
