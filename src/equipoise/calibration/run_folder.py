@@ -21,7 +21,7 @@ import shutil
 import warnings
 from collections import deque
 from collections.abc import Mapping
-from contextlib import nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ _MODEL, _TRUTH = "model.xml", "truth.json"
 _RESPONSE = "response_test"  # key in the provenance
 
 
-class RunFolder:
+class RunFolder(AbstractContextManager["RunFolder"]):
     """Run on disk, made by `create`, `open` or `resume`.
 
     A created or resumed run is open for writing: use it as a context manager, or close it.
@@ -214,9 +214,6 @@ class RunFolder:
         log, self._log = self._log, None
         log.close()
         write_metadata(self.path, [file for file in log_files(self.path) if file.exists()])
-
-    def __enter__(self) -> RunFolder:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         with suppress(OutputError) if exception[0] else nullcontext():  # the first error is the cause
