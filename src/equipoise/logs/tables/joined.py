@@ -43,8 +43,7 @@ def open_tables(paths: Sequence[Path], columns: Columns) -> TableFile:
     if columns.rate and len({file.rows for file in files}) > 1:
         lengths = " and ".join(f"{file.rows} rows in {file.title}" for file in files)
         raise RecordingError(f"there are {lengths}: files without a time must have a row each for every sample")
-    times = [_seconds(file, clock, columns) for file, clock in zip(files, clocks, strict=True)]
-    return _joined(paths, files, clocks, times, columns)
+    return _joined(paths, files, clocks, columns)
 
 
 def _clock(file: TableFile, columns: Columns) -> str | None:
@@ -78,12 +77,9 @@ def _seconds(file: TableFile, clock: str | None, columns: Columns) -> FloatArray
 
 
 def _joined(
-    paths: Sequence[Path],
-    files: Sequence[TableFile],
-    clocks: Sequence[str | None],
-    times: Sequence[FloatArray],
-    given: Columns,
+    paths: Sequence[Path], files: Sequence[TableFile], clocks: Sequence[str | None], given: Columns
 ) -> TableFile:
+    times = [_seconds(file, clock, given) for file, clock in zip(files, clocks, strict=True)]
     microseconds, rows = np.unique(np.round(np.concatenate(times) * 1e6), return_inverse=True)
     time = microseconds * 1e-6 / given.factor(TIME)
     parts = np.split(rows, np.cumsum(list(map(len, times)))[:-1])
