@@ -44,7 +44,7 @@ def messages_of(piece: Recording) -> Iterator[tuple[int, str, bytes]]:
     yield from _stamped(JOINTS, nanoseconds(joints.time), messages.joint_messages(names, joints))
     yield from _stamped(INERTIAL, nanoseconds(imu.time), messages.imu_messages(imu))
     if commands is not None:
-        yield from _stamped(COMMANDS, nanoseconds(commands.time), messages.command_messages(names, commands))
+        yield from _stamped(COMMANDS, nanoseconds(commands.time), messages.joint_messages(names, commands))
 
 
 def piece_entry(piece: Recording) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from functools import lru_cache
 from equipoise.errors import RecordingError
 from equipoise.recording.cdr import Layout, bodies, constant, header, layout_of, number, sequence, stamps, text
 from equipoise.recording.clock import nanoseconds, seconds
-from equipoise.recording.recording import CommandStream, ImuStream, JointStream
+from equipoise.recording.recording import ImuStream, JointStream
 
 JOINT_STATE, IMU, STRING = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu", "std_msgs/msg/String"
 
@@ -73,18 +73,13 @@ def imu() -> Layout:
 
 
 def joint_messages(joint_names: tuple[str, ...], joints: JointStream) -> list[bytes]:
-    """Return a joint stream as JointState messages."""
+    """Return a joint or command stream as JointState messages."""
     layout = joint_state(joint_names, joints.velocity is not None, joints.torque is not None)
     rows = layout.stamped(nanoseconds(joints.time))
     for name, array in (("position", joints.position), ("velocity", joints.velocity), ("effort", joints.torque)):
         if array is not None:
             rows[name] = array
     return bodies(rows)
-
-
-def command_messages(joint_names: tuple[str, ...], commands: CommandStream) -> list[bytes]:
-    """Return a command stream as JointState messages, with positions only."""
-    return joint_messages(joint_names, JointStream(commands.time, commands.position))
 
 
 def imu_messages(stream: ImuStream) -> list[bytes]:

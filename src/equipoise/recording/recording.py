@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar, cast
+from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
 
@@ -32,16 +32,16 @@ class JointStream:
         torque: (n, nj) joint torques as the motors report them [Nm], or None.
     """
 
+    kind: ClassVar[str] = "joint"
     time: FloatArray
     position: FloatArray
     velocity: FloatArray | None = None
     torque: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        count = _validated_time(self, "joint")
-        shape = (count, _columns(self.position))
+        shape = _validated_time(self, self.kind), _columns(self.position)
         for name in ("position", "velocity", "torque"):
-            _validate(self, "joint", name, shape, required=name == "position")
+            _validate(self, self.kind, name, shape, required=name == "position")
 
     @property
     def rates(self) -> FloatArray:
@@ -75,21 +75,10 @@ class ImuStream:
         _validate(self, "IMU", "pose_noise", (count, 2), required=False)
 
 
-@dataclass(frozen=True, eq=False)
-class CommandStream:
-    """Commands that were sent.
+class CommandStream(JointStream):
+    """Commands that were sent: times [s] and joint position targets [rad]."""
 
-    Attributes:
-        time: (n,) increasing times [s].
-        position: (n, nj) joint position targets [rad].
-    """
-
-    time: FloatArray
-    position: FloatArray
-
-    def __post_init__(self) -> None:
-        count = _validated_time(self, "command")
-        _validate(self, "command", "position", (count, _columns(self.position)), required=True)
+    kind: ClassVar[str] = "command"
 
 
 _Stream = TypeVar("_Stream", JointStream, ImuStream, CommandStream)
@@ -118,11 +107,9 @@ class Recording:
     found_trial: RecordedTrial | None = None
 
     def __post_init__(self) -> None:
-        columns = self.joints.position.shape[1]
-        if columns != len(self.joint_names):
-            raise RecordingError(f"{columns} joint columns and {len(self.joint_names)} joint names")
-        if self.commands is not None and (columns := self.commands.position.shape[1]) != len(self.joint_names):
-            raise RecordingError(f"{columns} command columns and {len(self.joint_names)} joint names")
+        for stream in (self.joints, self.commands):
+            if stream is not None and (columns := stream.position.shape[1]) != len(self.joint_names):
+                raise RecordingError(f"{columns} {stream.kind} columns and {len(self.joint_names)} joint names")
 
     @property
     def duration(self) -> float:
