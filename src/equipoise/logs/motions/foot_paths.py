@@ -82,8 +82,6 @@ class FootPaths:
 
     def off_the_floor(self, least: float, shortest: float) -> list[str]:
         """Return the feet that are above the two lowest by a least height [m] for a least total time [s]."""
-        if len(self.time) < 2:
-            return []
         lowest = np.sort(self.height, axis=1)[:, :2].mean(axis=1, keepdims=True)
         duration = (self.height - lowest > least).sum(axis=0) * float(np.diff(self.time).mean())
         return [foot for foot, time in zip(LEG_NAMES, duration.tolist(), strict=True) if time > shortest]
@@ -95,8 +93,6 @@ class FootPaths:
             shortest: shortest duration that counts [s].
         """
         window = max(2, round(_STANCE_WINDOW * stance.scale.time / float(np.diff(self.time).mean())))
-        if len(self.time) <= window:
-            return None
         moved = self.way[window:] - self.way[:-window]
         slid = np.linalg.norm(moved - moved.mean(axis=1, keepdims=True), axis=2).max(axis=1)
         runs = true_runs(slid < _STANCE_SLID * stance.scale.length)

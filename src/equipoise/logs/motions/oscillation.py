@@ -35,9 +35,7 @@ def find_oscillation(
     window = np.ones(max(1, round(_ENVELOPE * time_scale / step)))
     strength = np.convolve((angular_velocity_in_base**2).sum(axis=1), window / len(window), mode="same") ** 0.5
     steady = true_runs(strength > _STEADY * strength.max())
-    if not steady:
-        return None
-    first, last = max(steady, key=lambda run: run[1] - run[0])
+    first, last = max(steady, key=lambda run: run[1] - run[0], default=(0, 0))
     if (last - first) * step < _SHORTEST * time_scale:
         return None
     found = _dominant(angular_velocity_in_base[first:last], step)
