@@ -36,7 +36,6 @@ class SimulatedDartRobot:
         errors: drawn sensor and actuator errors.
         dofs: (nj,) indices of the leg joints in the skeleton's vectors, in the robot's joint order.
         kp, kd: (nj,) gains of the joint PD control [Nm/rad], [Nm s/rad].
-        torque_limit: (nj,) torque limits of the motors, before the torque gain error [Nm].
         feet: shapes of the feet FL FR RL RR.
     """
 
@@ -46,7 +45,6 @@ class SimulatedDartRobot:
     dofs: NDArray[np.intp]
     kp: FloatArray
     kd: FloatArray
-    torque_limit: FloatArray
     feet: tuple[dynamics.ShapeNode, ...]
 
     @property
@@ -85,17 +83,7 @@ def build_dart_robot(
         joint.setDampingCoefficient(0, errors.sizes.armature / 2 / timestep)  # see DartPlatform
     feet = _add_contacts(robot, stance, bodies, legs, errors.floor_friction)
     world = _world(skeleton, errors, timestep)
-    count = len(robot.joint_names)
-    return SimulatedDartRobot(
-        world, skeleton, errors, dofs, np.full(count, kp), np.full(count, kd), np.array(robot.effort_limit), feet
-    )
-
-
-def pose_of(rotation: FloatArray, translation: FloatArray) -> FloatArray:
-    """Return the (4, 4) pose of a rotation and a translation."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, translation
-    return pose
+    return SimulatedDartRobot(world, skeleton, errors, dofs, np.full(len(dofs), kp), np.full(len(dofs), kd), feet)
 
 
 def _add_bodies(robot: RobotModel, skeleton: dynamics.Skeleton, legs: LegErrors) -> list[dynamics.BodyNode]:
@@ -105,10 +93,16 @@ def _add_bodies(robot: RobotModel, skeleton: dynamics.Skeleton, legs: LegErrors)
     shifts = _joint_shifts(robot, legs)
     for index, name in enumerate(robot.joint_names):
         joint_id = index + 2
-        placement = model.jointPlacements[joint_id]
-        pose = pose_of(np.array(placement.rotation), placement.translation + shifts[name])
-        parent = bodies[model.parents[joint_id] - 1]
-        bodies.append(_add_body(robot, skeleton, parent, index, pose, legs.axis_turn[index]))
+        placement, parent = model.jointPlacements[joint_id], bodies[model.parents[joint_id] - 1]
+        joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)  # others are refused when a file is read
+        joint.setAxis(np.array(dartpy.math.expMapRot(legs.axis_turn[index])) @ joint_axis(model, joint_id))
+        joint.setName(name)
+        pose = dartpy.math.Isometry3(placement.rotation, placement.translation + shifts[name])
+        joint.setTransformFromParentBodyNode(pose)
+        joint.setPositionLowerLimit(0, float(robot.lower_limit[index]))
+        joint.setPositionUpperLimit(0, float(robot.upper_limit[index]))
+        joint.setLimitEnforcement(True)
+        bodies.append(body)
     return bodies
 
 
@@ -119,31 +113,6 @@ def _joint_shifts(robot: RobotModel, legs: LegErrors) -> dict[str, FloatArray]:
         above = [hip, *(legs.end_shift[joint] for joint in leg.joints[:-1])]
         shifts |= dict(zip(leg.joint_names, above, strict=True))
     return shifts
-
-
-def _add_body(
-    robot: RobotModel,
-    skeleton: dynamics.Skeleton,
-    parent: dynamics.BodyNode,
-    index: int,
-    pose: FloatArray,
-    axis_turn: FloatArray,
-) -> dynamics.BodyNode:
-    """Add the body of a leg joint, which is revolute: others are refused when a model file is read.
-
-    Args:
-        index: index of the joint in the joint vectors.
-        pose: (4, 4) pose of the joint in the parent body.
-        axis_turn: (3,) rotation vector of the joint's axis [rad].
-    """
-    joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
-    joint.setAxis(np.array(dartpy.math.expMapRot(axis_turn)) @ joint_axis(robot.pinocchio, index + 2))
-    joint.setName(robot.joint_names[index])
-    joint.setTransformFromParentBodyNode(dartpy.math.Isometry3(pose))
-    joint.setPositionLowerLimit(0, float(robot.lower_limit[index]))
-    joint.setPositionUpperLimit(0, float(robot.upper_limit[index]))
-    joint.setLimitEnforcement(True)
-    return body
 
 
 def _set_inertias(
@@ -189,7 +158,7 @@ def _add_shape(body: dynamics.BodyNode, shape: dynamics.Shape, at: FloatArray, f
     node.createCollisionAspect()
     node.createDynamicsAspect()
     node.getDynamicsAspect().setFrictionCoeff(friction)
-    node.setRelativeTransform(dartpy.math.Isometry3(pose_of(np.eye(3), at)))
+    node.setRelativeTransform(dartpy.math.Isometry3(np.eye(3), at))
     return node
 
 

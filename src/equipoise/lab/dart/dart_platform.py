@@ -6,7 +6,7 @@ import dartpy
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.lab.dart.dart_model import SimulatedDartRobot, pose_of
+from equipoise.lab.dart.dart_model import SimulatedDartRobot
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation.simulated import SimulatedPlatform, Start
@@ -67,7 +67,7 @@ class DartPlatform(SimulatedPlatform):
         self._strain = np.zeros(len(self.joint_names))  # [rad], of sticking joints
         self._contacts = 0
         mounted = robot.imu_in_base
-        tilt = np.array(dartpy.math.expMapRot(simulated.errors.imu_tilt))
+        tilt = np.array(dartpy.math.expMapRot(simulated.errors.drawn["imu_tilt"]))
         self._imu_rotation = np.array(mounted.rotation) @ tilt
         self._imu_position = mounted.translation + simulated.errors.drawn["imu_position"]
         self._held = np.zeros(len(self.joint_names))  # present targets
@@ -87,14 +87,13 @@ class DartPlatform(SimulatedPlatform):
             self._set_base_height(base_height - lowest)
 
     def _set_base_height(self, height: float) -> None:
-        at = pose_of(np.eye(3), np.array([0, 0, height]))
-        self._skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(at))
+        at = dartpy.math.Isometry3(np.eye(3), np.array([0, 0, height]))
+        self._skeleton.getRootJoint().setTransform(at)
 
     def _turn_by(self, angle: float) -> None:
         pose = self._simulated.base.getTransform()
         turn = np.array(dartpy.math.expMapRot(np.array([0.0, 0.0, angle])))
-        at = pose_of(turn @ pose.rotation(), pose.translation())
-        self._skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(at))
+        self._skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(turn @ pose.rotation(), pose.translation()))
 
     def _set_clock_to_zero(self) -> None:
         self._world.setTime(0.0)
@@ -132,7 +131,7 @@ class DartPlatform(SimulatedPlatform):
     def _step(self, control: FloatArray, raw: FloatArray) -> None:
         """Run engine steps, and fill in the sensor values of their initial states."""
         skeleton, base = self._skeleton, self._simulated.base
-        dofs, limit, gain = self._simulated.dofs, self._simulated.torque_limit, self._errors.torque_gain
+        dofs, limit, gain = self._simulated.dofs, self._robot.effort_limit, self._errors.torque_gain
         kp, kd, joints = self._kp, self._kd, len(dofs)
         forces = np.zeros(skeleton.getNumDofs())
         rotations, twists = np.empty((len(control), 3, 3)), np.empty((len(control) + 1, 2, 3))
