@@ -193,7 +193,9 @@ def displaced_balance(name: str, diagonal: str, error: float, seed: int) -> Row:
     with simulate(robot, "realistic", seed=seed) as simulation:
         design = displaced(robot, nominal_stance(robot), simulation.truth, diagonal, 1e-3 * error)
         drawn = simulation.errors
-        sensors = SensorCorrections(drawn.joint_offset, drawn.imu_tilt, drawn.accelerometer_bias)
+        sensors = SensorCorrections(
+            drawn.drawn["joint_offset"], drawn.drawn["imu_tilt"], drawn.drawn["accelerometer_bias"]
+        )
         return stand(robot, simulation, replace(design, sensors=sensors), diagonal)
 
 

@@ -195,7 +195,7 @@ def _add_extensions(
         root.append(
             ElementTree.fromstring(f'<gazebo reference="{leg}_foot">{_CONTACT_OF_URDF.format(ode=ode)}</gazebo>')
         )
-    rotation = Rotation.from_matrix(np.array(robot.imu_in_base.rotation) @ np.array(pin.exp3(errors.imu_tilt)))
+    rotation = Rotation.from_matrix(np.array(robot.imu_in_base.rotation) @ np.array(pin.exp3(errors.drawn["imu_tilt"])))
     pose = " ".join(map(repr, map(float, (*robot.imu_in_base.translation, *rotation.as_euler("xyz")))))
     noise = np.sqrt(_PERIOD / ode.step)  # of a step, with the density of the preset's samples
     turn, force = (

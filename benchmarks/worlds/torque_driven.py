@@ -37,7 +37,7 @@ class TorqueDriven(SimulatedPlatform):
         kp, kd = (np.full(len(robot.joint_names), gain) for gain in robot.gains(stance.hip_height))
         super().__init__(robot, errors, kp, kd, TIMESTEP, 2e-3)
         self._limit = np.array(robot.effort_limit)
-        self._imu_rotation = np.array(robot.imu_in_base.rotation) @ np.array(pin.exp3(errors.imu_tilt))
+        self._imu_rotation = np.array(robot.imu_in_base.rotation) @ np.array(pin.exp3(errors.drawn["imu_tilt"]))
         self._imu_position = np.array(robot.imu_in_base.translation)
         self._held = np.array(stance.joint_position)  # the targets that act
         self._settle(stance, "standing")

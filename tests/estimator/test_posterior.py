@@ -237,9 +237,9 @@ def test_the_estimate_is_good(bayesian_run):
 
 def test_sensors_are_calibrated_on_the_way(posterior, drawn, bayesian_run):
     truths = {
-        "joint_offset": drawn.joint_offset,
-        "imu_tilt": drawn.imu_tilt,
-        "accelerometer_bias": drawn.accelerometer_bias,
+        "joint_offset": drawn.drawn["joint_offset"],
+        "imu_tilt": drawn.drawn["imu_tilt"],
+        "accelerometer_bias": drawn.drawn["accelerometer_bias"],
         "clock_offset": np.array([0.5e-3]),
         "leg_mass": drawn.leg_mass_scale - 1,
         "torque_gain": drawn.torque_gain - 1,
@@ -251,7 +251,7 @@ def test_sensors_are_calibrated_on_the_way(posterior, drawn, bayesian_run):
         prior = posterior.unknowns.scale[posterior.unknowns[name]]
         assert (std <= prior * (1 + 1e-9)).all(), name
     found = posterior.unknowns.value(posterior.x, "joint_offset")
-    assert np.linalg.norm(found - drawn.joint_offset) < 0.9 * np.linalg.norm(drawn.joint_offset)
+    assert np.linalg.norm(found - drawn.drawn["joint_offset"]) < 0.9 * np.linalg.norm(drawn.drawn["joint_offset"])
 
 
 def test_every_body_is_physically_consistent(posterior):

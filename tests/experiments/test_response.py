@@ -27,7 +27,7 @@ HIPS = ("FL", "FR", "RL", "RR")
 
 @pytest.fixture(scope="module", params=ROBOTS)
 def robot(request):
-    if not CATALOG[request.param].installed:
+    if CATALOG[request.param].install:
         pytest.skip(f"{request.param} is not installed")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # about defects of the model files
@@ -56,7 +56,7 @@ def test_a_correctly_wired_robot_passes(robot, preset):
     with simulate(robot, preset, seed=7, start="lying") as simulation:
         answered = check_joints(simulation.platform, robot, nominal_stance(robot))
         found = find_orientation(robot, turned(simulation.platform, robot))
-        mounted = robot.imu_in_base.rotation @ Rotation.from_rotvec(simulation.errors.imu_tilt).as_matrix()
+        mounted = robot.imu_in_base.rotation @ Rotation.from_rotvec(simulation.errors.drawn["imu_tilt"]).as_matrix()
     error = np.degrees(Rotation.from_matrix(found.rotation.T @ mounted).magnitude())
     assert answered == 12 or preset == "ideal"  # without friction legs sink until links have no room
     assert found.residual < 0.025
@@ -154,7 +154,7 @@ def test_a_turned_imu_is_measured_and_used_once_confirmed(robot, rpy):
     with simulate(robot, "realistic", seed=5) as simulation:
         standing, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
         test = check_base(standing, stance, 0, lambda question: asked.append(question) or True)
-        tilt = Rotation.from_rotvec(simulation.errors.imu_tilt).as_matrix()
+        tilt = Rotation.from_rotvec(simulation.errors.drawn["imu_tilt"]).as_matrix()
     expected = robot.imu_in_base.rotation @ tilt @ mounted
     used = np.array(standing.robot.imu_in_base.rotation)
     assert np.degrees(Rotation.from_matrix(used.T @ expected).magnitude()) < 1

@@ -109,7 +109,7 @@ def test_constants_are_drawn_once_per_seed():
 def test_constants_have_the_sizes_asked_for():
     many = drawn(joints=20000, joint_offset=5e-3, torque_gain=0.03, leg_mass=0.02)
     for value, mean, size in (
-        (many.joint_offset, 0, 5e-3), (many.torque_gain, 1, 0.03), (many.leg_mass_scale, 1, 0.02),
+        (many.drawn["joint_offset"], 0, 5e-3), (many.torque_gain, 1, 0.03), (many.leg_mass_scale, 1, 0.02),
     ):  # fmt: skip
         assert value.mean() == pytest.approx(mean, abs=5 * size / np.sqrt(20000))
         assert value.std() == pytest.approx(size, rel=0.03)
@@ -122,7 +122,7 @@ def test_constants_have_the_sizes_asked_for():
 
 def test_one_error_does_not_change_how_another_is_drawn():
     alone, among = drawn(imu_tilt=5e-3), drawn(imu_tilt=5e-3, joint_offset=5e-3, gyro_bias=1e-3, floor_slope=0.1)
-    assert np.array_equal(alone.imu_tilt, among.imu_tilt)
+    assert np.array_equal(alone.drawn["imu_tilt"], among.drawn["imu_tilt"])
 
 
 def test_the_slope_is_exact_and_its_direction_drawn():
@@ -341,7 +341,7 @@ def test_a_clock_offset_makes_the_imu_younger_than_the_encoders(moved, offset):
 
 
 def test_the_loop_closes_on_the_encoder_and_the_joint_is_offset(a1):
-    zero = drawn(joint_offset=5e-3).joint_offset
+    zero = drawn(joint_offset=5e-3).drawn["joint_offset"]
     target, (kp, _) = nominal_stance(a1).joint_position, a1.gains(nominal_stance(a1).hip_height)
     with simulate(a1, EffectSizes(joint_offset=5e-3), seed=SEED) as simulation:
         state = simulation.platform.read()
@@ -355,7 +355,7 @@ def test_the_loop_closes_on_the_encoder_and_the_joint_is_offset(a1):
 
 
 def test_the_encoder_error_is_the_joint_offset_in_any_motion(a1):
-    zero = drawn(joint_offset=5e-3).joint_offset
+    zero = drawn(joint_offset=5e-3).drawn["joint_offset"]
     with simulate(a1, EffectSizes(joint_offset=5e-3), seed=SEED) as simulation:
         platform = simulation.platform
         recording = platform.play(squat(a1))
@@ -387,14 +387,14 @@ def test_a_gyroscope_bias_shows_at_rest(resting):
 
 
 def test_an_accelerometer_bias_shows_at_rest(resting):
-    bias = drawn(accelerometer_bias=0.03).accelerometer_bias
+    bias = drawn(accelerometer_bias=0.03).drawn["accelerometer_bias"]
     assert np.allclose(
         resting(accelerometer_bias=0.03).acceleration_in_imu - resting().acceleration_in_imu, bias, atol=1e-12
     )
 
 
 def test_a_tilted_imu_turns_gravity(resting):
-    tilt = drawn(imu_tilt=0.01).imu_tilt
+    tilt = drawn(imu_tilt=0.01).drawn["imu_tilt"]
     level, tilted = resting().acceleration_in_imu, resting(imu_tilt=0.01).acceleration_in_imu
     # The IMU turned by +tilt sees the world turned by -tilt.
     assert np.allclose(tilted - level, -np.cross(tilt, level), atol=2e-3)
@@ -402,7 +402,7 @@ def test_a_tilted_imu_turns_gravity(resting):
 
 
 def test_a_tilted_imu_turns_rotations_alike(moved, ideal):
-    tilt = drawn(imu_tilt=0.05).imu_tilt
+    tilt = drawn(imu_tilt=0.05).drawn["imu_tilt"]
     turned = moved(imu_tilt=0.05).imu.angular_velocity_in_imu
     straight = ideal.imu.angular_velocity_in_imu
     assert np.allclose(turned - straight, -np.cross(tilt, straight), atol=0.02 * np.abs(straight).max())

@@ -211,7 +211,7 @@ def draw_sensors() -> Figure:
     )
     axes.errorbar(places, np.degrees(values), np.degrees(half_widths), fmt="o", color=BLUE, capsize=4, markersize=5,
                   label="estimate, 95 %")  # fmt: skip
-    axes.plot(places, np.degrees(errors.joint_offset), "x", color=ORANGE, mew=2, markersize=7, label="truth")
+    axes.plot(places, np.degrees(errors.drawn["joint_offset"]), "x", color=ORANGE, mew=2, markersize=7, label="truth")
     axes.axhline(0, color=FAINT, linewidth=1)
     axes.set_xticks(places, [name.replace("_joint", "").replace("_", "\n") for name in names])
     axes.set_ylabel("joint offset [deg]")

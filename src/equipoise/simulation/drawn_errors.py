@@ -57,11 +57,6 @@ class DrawnErrors:
         return cls(sizes, noise_seed, drawn)
 
     @cached_property
-    def joint_offset(self) -> FloatArray:
-        """(nj,) encoder reading minus joint position, the same at all positions [rad]."""
-        return self.drawn["joint_offset"]
-
-    @cached_property
     def torque_gain(self) -> FloatArray:
         """(nj,) true torque over reported torque."""
         return (1 + self.drawn["torque_gain"]) * (1 + self.drawn["torque_gain_common"])
@@ -90,16 +85,6 @@ class DrawnErrors:
         # The transposed rotation to first order, made orthogonal.
         u, _, v = np.linalg.svd(np.array([[1, z, -y], [-z, 1, x], [y, -x, 1]]))
         return gains @ u @ v
-
-    @cached_property
-    def accelerometer_bias(self) -> FloatArray:
-        """(3,) bias of the accelerometer, in the IMU frame [m/s2]."""
-        return self.drawn["accelerometer_bias"]
-
-    @cached_property
-    def imu_tilt(self) -> FloatArray:
-        """(3,) rotation vector of the IMU in its nominal frame [rad]."""
-        return self.drawn["imu_tilt"]
 
     @cached_property
     def gravity_direction(self) -> FloatArray:
@@ -173,7 +158,7 @@ class DrawnErrors:
     @cached_property
     def _noise_scale(self) -> FloatArray:
         """Standard deviation of each column of the noise."""
-        sizes, joints = self.sizes, self.joint_offset.size
+        sizes, joints = self.sizes, self.drawn["joint_offset"].size
         columns = [sizes.encoder_noise, sizes.joint_velocity_noise, sizes.torque_noise, sizes.gyro_noise]
         return np.repeat([*columns, sizes.accelerometer_noise], [joints, joints, joints, 3, 3])
 

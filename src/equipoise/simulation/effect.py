@@ -92,11 +92,6 @@ class Effect:
     varied: bool = True
     engines: tuple[str, ...] = ALL_ENGINES
 
-    def __post_init__(self) -> None:
-        assert self.each in PARTS
-        assert self.law in LAWS
-        assert self.measure in MEASURES
-
     def drawn(self, generator: np.random.Generator, size: float, joints: int) -> FloatArray:
         """Return the values of a robot with a number of leg joints."""
         return LAWS[self.law](generator, size, PARTS[self.each](joints))

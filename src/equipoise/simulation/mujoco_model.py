@@ -276,7 +276,7 @@ def _add_actuators_and_sensors(
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = [-limit * errors.torque_gain[index], limit * errors.torque_gain[index]]
     pose = robot.imu_in_base
-    mounted = np.array(pose.rotation) @ np.array(pin.exp3(errors.imu_tilt))
+    mounted = np.array(pose.rotation) @ np.array(pin.exp3(errors.drawn["imu_tilt"]))
     base.add_site(name=IMU_SITE, pos=pose.translation + errors.drawn["imu_position"], quat=quat_wxyz(mounted))
     for joint in robot.joint_names:
         spec.add_sensor(

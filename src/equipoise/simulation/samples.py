@@ -91,7 +91,7 @@ class Samples:
             position = samples[:, : self._joints].copy()
             samples[:, self._joints : 2 * self._joints] *= 1 + errors.encoder_error_slope(position)
             samples[:, : self._joints] += errors.encoder_error(position)
-        samples[:, : self._joints] += errors.joint_offset
+        samples[:, : self._joints] += errors.drawn["joint_offset"]
         if sizes.gyro_gain or sizes.gyro_misalignment or sizes.gyro_turn:
             samples[:, -6:-3] = samples[:, -6:-3] @ errors.gyro_matrix.T
         samples[:, -6:-3] += errors.drawn["gyro_bias"]
@@ -99,7 +99,7 @@ class Samples:
             runs = self.time(period + np.arange(count)) / _DRIFT_TIME
             samples[:, -6:-3] += runs[:, None] * errors.drawn["gyro_drift"]
         samples[:, -3:] *= 1 + errors.drawn["accelerometer_gain"]
-        samples[:, -3:] += errors.accelerometer_bias
+        samples[:, -3:] += errors.drawn["accelerometer_bias"]
         return samples + errors.noise(period, count)
 
     def time(self, period: NDArray[np.intp]) -> FloatArray:

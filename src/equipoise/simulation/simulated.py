@@ -166,7 +166,7 @@ class SimulatedPlatform(SteppedPlatform):
 
     def _with_zeros(self, position: FloatArray) -> FloatArray:
         """Return the joint targets at which the encoders read a position, since the loop closes on them."""
-        target = position - self._errors.joint_offset
+        target = position - self._errors.drawn["joint_offset"]
         return target - self._errors.encoder_error(target) if self._errors.sizes.encoder_eccentricity else target
 
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:

@@ -123,7 +123,7 @@ def _facts(drawn: Draw) -> Row:
     """Return the sizes of payload and drawn errors."""
     robot, stance = drawn.robot, drawn.stance
     errors = DrawnErrors.draw(drawn.sizes, len(robot.joint_names), drawn.seed)
-    offsets = errors.joint_offset[robot.leg_joints]
+    offsets = errors.drawn["joint_offset"][robot.leg_joints]
     feet = np.asarray(np.einsum("fij,fj->fi", foot_jacobians(robot, stance.joint_position), offsets), dtype=float)
     payload = None if drawn.payload is None else drawn.payload.parameters
     return {
@@ -133,9 +133,9 @@ def _facts(drawn: Draw) -> Row:
         "payload_mass": 0.0 if payload is None else payload.mass,
         **{f"payload_{axis}": None if payload is None else float(payload.com[i]) for i, axis in enumerate("xyz")},
         **{f"size_{row.name}": row.amount(getattr(drawn.sizes, row.name)) for row in drawn.sizes.rows() if row.varied},
-        "joint_zero_rms": float(np.sqrt(np.mean(errors.joint_offset**2))),
+        "joint_zero_rms": float(np.sqrt(np.mean(errors.drawn["joint_offset"] ** 2))),
         "foot_error_rms": float(np.linalg.norm(feet[:, :2]) / np.sqrt(feet[:, :2].size)),
-        "imu_tilt_size": float(np.linalg.norm(errors.imu_tilt[:2])),
+        "imu_tilt_size": float(np.linalg.norm(errors.drawn["imu_tilt"][:2])),
     }
 
 
