@@ -114,13 +114,13 @@ import sys, time
 from equipoise.drivers.dds.domain import DdsDomain, raw
 from equipoise.drivers.unitree.dds import COMMAND_TOPIC
 from equipoise.drivers.unitree.dds_types import LowCmd
-from equipoise.drivers.unitree.low_level import COMMAND, Message
+from equipoise.drivers.unitree.low_level import COMMAND
 sample, domain = raw(LowCmd), DdsDomain(int(sys.argv[1]), "lo")
-commands, message = domain.outbox(COMMAND_TOPIC, sample), Message(COMMAND)
+commands, record = domain.outbox(COMMAND_TOPIC, sample), COMMAND.blank()
 print("ready", flush=True)
 sys.stdin.readline()
 while True:
-    commands.send(sample(message.encoded()))
+    commands.send(sample(COMMAND.encoded(record)))
     print("sent", flush=True)
     time.sleep(2e-3)
 """

@@ -10,7 +10,7 @@ from equipoise.drivers import checkup
 from equipoise.drivers.checkup import examine, joint_table, watch
 from equipoise.errors import CommunicationError
 from equipoise.platform.platform import Health
-from equipoise.platform.wrapper import PlatformWrapper
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.recording.recording import Recording
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.mujoco import MujocoPlatform

@@ -20,7 +20,7 @@ from equipoise.drivers.unitree import sport
 from equipoise.drivers.unitree.dds import open_connection
 from equipoise.drivers.unitree.dds_settings import UnitreeB2Settings, UnitreeDdsSettings
 from equipoise.drivers.unitree.dds_types import Request, Response
-from equipoise.drivers.unitree.low_level import STATE, Message
+from equipoise.drivers.unitree.low_level import STATE
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import JointCommand
 
@@ -238,14 +238,14 @@ def test_wrong_and_missing_checksums_are_left_out_unless_asked_for(tmp_path_fact
 def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
     link = open_connection(a1, UnitreeDdsSettings(interface="lo", domain=unused_domain()))
     try:
-        message = Message(STATE)
-        lost = message.record["motor_state"]["lost"]
+        record = STATE.blank()
+        lost = record["motor_state"]["lost"]
         lost[:12] = 1000  # since it was switched on
-        assert link._examine(message.record, 5.0).fault is None
+        assert link._examine(record, 5.0).fault is None
         lost[:12] += 1  # a few are nothing
         lost[7] += 40  # RR_thigh's
-        assert link._examine(message.record, 5.1).fault == "messages to motors get lost: RR_thigh_joint"
-        assert link._examine(message.record, 5.2).fault is None
+        assert link._examine(record, 5.1).fault == "messages to motors get lost: RR_thigh_joint"
+        assert link._examine(record, 5.2).fault is None
     finally:
         link.close()
 
@@ -253,9 +253,9 @@ def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
 def test_a_motor_in_the_cold_is_not_hot(a1):
     link = open_connection(a1, UnitreeDdsSettings(interface="lo", domain=unused_domain()))
     try:
-        message = Message(STATE)
-        message.record["motor_state"]["temperature"].view(np.uint8)[:12] = 256 - 5  # the byte of -5
-        assert np.array_equal(link._examine(message.record, 5.0).motor_temperature, np.full(12, -5.0))
+        record = STATE.blank()
+        record["motor_state"]["temperature"].view(np.uint8)[:12] = 256 - 5  # the byte of -5
+        assert np.array_equal(link._examine(record, 5.0).motor_temperature, np.full(12, -5.0))
     finally:
         link.close()
 

@@ -15,12 +15,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from equipoise.drivers.unitree.crc import crc32_words
-from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.motors import MOTORS, STOP_POSITION, STOP_VELOCITY
 from equipoise.drivers.unitree.packet_formats import A1, A1_STRUCT, FORMS, GO1, GO1_SCRAMBLED, forms_of
 from equipoise.drivers.unitree.packets import (
     NOT_CONTROLLED,
-    POSITION_STOP,
-    VELOCITY_STOP,
     CommandPacket,
     SensorReadings,
     read_state,
@@ -127,7 +125,7 @@ def described_command(packets, values):
     data = bytearray(size)
     data[: len(head)] = head
     for motor in range(20):
-        fields = [POSITION_STOP, VELOCITY_STOP, 0, 0, 0]
+        fields = [STOP_POSITION, STOP_VELOCITY, 0, 0, 0]
         if motor < MOTORS:
             fields = [
                 int(counts[name] * values[name][motor]) if name in counts else values[name][motor] for name in COMMANDED
@@ -337,8 +335,8 @@ def test_what_was_read_is_written_as_it_was(packets):
 @PACKETS
 def test_without_torque_nothing_is_controlled(packets):
     read = read_command(packets, bytes(CommandPacket(packets).write(NOT_CONTROLLED)))
-    assert (read.position == np.float32(POSITION_STOP)).all()
-    assert (read.velocity == VELOCITY_STOP).all()
+    assert (read.position == np.float32(STOP_POSITION)).all()
+    assert (read.velocity == STOP_VELOCITY).all()
     assert not any(getattr(read, name).any() for name in ("torque", "kp", "kd"))
 
 

@@ -21,7 +21,7 @@ from equipoise.drivers.unitree.dds_types import (
     MotorCmd,
     MotorState,
 )
-from equipoise.drivers.unitree.low_level import COMMAND, LOW_CMD, LOW_STATE, STATE, Message, read_message
+from equipoise.drivers.unitree.low_level import COMMAND, LOW_CMD, LOW_STATE, STATE, read_message
 from equipoise.drivers.unitree.motors import joints_of_motors
 from equipoise.errors import SettingsError
 
@@ -119,15 +119,15 @@ def test_fields_read_from_bytes_are_those_that_cyclonedds_reads(message):
 @pytest.mark.parametrize(("layout", "kind", "messages", "in_memory"), BOTH)
 def test_messages_carry_the_published_checksum(layout, kind, messages, in_memory):
     del messages
-    written = Message(layout)
-    written.record[layout.motors]["q"] = np.linspace(-3, 3, 20)
-    message = kind.deserialize(written.encoded())
+    written = layout.blank()
+    written[layout.motors]["q"] = np.linspace(-3, 3, 20)
+    message = kind.deserialize(layout.encoded(written))
     packed = struct.pack(in_memory, *flat(message))
     assert message.crc == crc_bit_by_bit(packed[:-4])
 
 
 def test_a_fresh_command_has_the_values_that_robots_start_with():
-    command = LowCmd.deserialize(Message(COMMAND).encoded())
+    command = LowCmd.deserialize(COMMAND.encoded(COMMAND.blank()))
     assert (bytes(command.head), command.level_flag) == (b"\xfe\xef", 0xFF)
     assert {motor.mode for motor in command.motor_cmd} == {1}
 
@@ -135,9 +135,9 @@ def test_a_fresh_command_has_the_values_that_robots_start_with():
 @pytest.mark.parametrize("layout", [COMMAND, STATE])
 @given(data=st.data())
 def test_any_damaged_bit_is_noticed(layout, data):
-    message = Message(layout)
-    message.record[layout.motors]["q"] = 0.7
-    encoded = bytearray(message.encoded())
+    record = layout.blank()
+    record[layout.motors]["q"] = 0.7
+    encoded = bytearray(layout.encoded(record))
     assert read_message(layout, bytes(encoded)) is not None
     memory = layout.to_memory(bytes(encoded))
     at = data.draw(st.integers(4, len(encoded) - 5))
@@ -148,7 +148,7 @@ def test_any_damaged_bit_is_noticed(layout, data):
 
 @pytest.mark.parametrize("layout", [COMMAND, STATE])
 def test_what_is_cut_short_or_otherwise_encoded_is_no_message(layout):
-    encoded = Message(layout).encoded()
+    encoded = layout.encoded(layout.blank())
     assert read_message(layout, encoded[:-4]) is None
     assert read_message(layout, encoded + bytes(4)) is None
     assert read_message(layout, b"") is None
@@ -156,7 +156,7 @@ def test_what_is_cut_short_or_otherwise_encoded_is_no_message(layout):
 
 
 def test_a_wrong_checksum_and_a_zero_one_are_damage_unless_they_are_not_to_be_checked():
-    encoded = Message(STATE).encoded()
+    encoded = STATE.encoded(STATE.blank())
     wrong = encoded[:-4] + bytes([encoded[-4] ^ 1]) + encoded[-3:]
     assert read_message(STATE, wrong) is None
     assert read_message(STATE, wrong, check=False) is not None

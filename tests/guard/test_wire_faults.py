@@ -251,13 +251,13 @@ import sys, time
 from equipoise.drivers.dds.domain import DdsDomain, raw
 from equipoise.drivers.unitree.dds import COMMAND_TOPIC
 from equipoise.drivers.unitree.dds_types import LowCmd
-from equipoise.drivers.unitree.low_level import COMMAND, Message
+from equipoise.drivers.unitree.low_level import COMMAND
 domain = DdsDomain(int(sys.argv[1]), "lo")
 kind = raw(LowCmd)
 outbox = domain.outbox(COMMAND_TOPIC, kind)
 time.sleep(1.0)
 for _ in range(500):
-    outbox.send(kind(Message(COMMAND).encoded()))
+    outbox.send(kind(COMMAND.encoded(COMMAND.blank())))
     time.sleep(2e-3)
 """
 

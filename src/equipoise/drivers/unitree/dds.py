@@ -16,8 +16,8 @@ from equipoise.drivers.dds.domain import DdsDomain, raw
 from equipoise.drivers.robot_clock import RobotClock
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
 from equipoise.drivers.unitree.dds_types import LowCmd, LowState
-from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
-from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
+from equipoise.drivers.unitree.low_level import COMMAND, STATE, read_message
+from equipoise.drivers.unitree.motors import MOTORS, STOP_POSITION, STOP_VELOCITY, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, request_of
 from equipoise.drivers.unitree.sport import MotionSwitcher, takeover_finding
 from equipoise.errors import CommunicationError, MotionError, SettingsError
@@ -62,10 +62,10 @@ class UnitreeDdsConnection:
         self._joint_of_motor = joints_of_motors(robot, settings.kind)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         self._own_gains = robot.gains(nominal_stance(robot).hip_height)
-        self._message = Message(COMMAND)
-        self._message.record["motor_cmd"]["mode"] = settings.motor_mode
+        self._record = COMMAND.blank()
+        self._record["motor_cmd"]["mode"] = settings.motor_mode
         self._motors: dict[str, NDArray[np.float32]] = {
-            name: self._message.record["motor_cmd"][name] for name in ("q", "dq", "tau", "kp", "kd")
+            name: self._record["motor_cmd"][name] for name in ("q", "dq", "tau", "kp", "kd")
         }
         self._stop_motors()
         self._clock: RobotClock | None = None
@@ -145,7 +145,7 @@ class UnitreeDdsConnection:
         self._domain.close()
 
     def _transmit(self) -> None:
-        self._commands.send(self._sample(self._message.encoded()))
+        self._commands.send(self._sample(COMMAND.encoded(self._record)))
 
     def _stop_motors(self) -> None:
         """Set commands without position, velocity and torque for all motors of a message."""

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from equipoise.drivers.unitree.crc import crc32_words
 from equipoise.drivers.unitree.definitions import LOW_LEVEL, layout_of
 
-STOP_POSITION, STOP_VELOCITY = 2.146e9, 16000.0  # values that disable position and velocity control
 SERVO = 1  # mode of a motor that executes its command
 
 _HEADER = b"\x00\x01\x00\x00"  # of the plain encoding, little endian
@@ -43,6 +42,17 @@ class RecordLayout:
     first_motor: int
     first_mode: int
 
+    def blank(self) -> NDArray[Any]:
+        """Return the fields of a message without values, to be reused."""
+        record = np.zeros((), self.memory)
+        record["head"], record["level_flag"], record[self.motors]["mode"] = _BEGINS, _LOW_LEVEL, SERVO
+        return record
+
+    def encoded(self, record: NDArray[Any]) -> bytes:
+        """Encode fields for the wire, with their checksum."""
+        covered = record.tobytes()[:-4]
+        return self.to_wire(covered + crc32_words(covered).to_bytes(4, "little"))
+
     def to_wire(self, memory: bytes) -> bytes:
         """Encode a record's bytes for the wire."""
         end, begin = self.first_mode, self.first_motor
@@ -59,26 +69,6 @@ class RecordLayout:
 
 COMMAND = RecordLayout(LOW_CMD, "motor_cmd", first_motor=24, first_mode=22)
 STATE = RecordLayout(LOW_STATE, "motor_state", first_motor=80, first_mode=77)
-
-
-class Message:
-    """Reusable message.
-
-    Attributes:
-        record: writable fields of the message.
-    """
-
-    def __init__(self, layout: RecordLayout) -> None:
-        self._layout = layout
-        self.record = np.zeros((), layout.memory)
-        self.record["head"] = _BEGINS
-        self.record["level_flag"] = _LOW_LEVEL
-        self.record[layout.motors]["mode"] = SERVO
-
-    def encoded(self) -> bytes:
-        """Encode the message for the wire, with its checksum."""
-        covered = self.record.tobytes()[:-4]
-        return self._layout.to_wire(covered + crc32_words(covered).to_bytes(4, "little"))
 
 
 def read_message(layout: RecordLayout, data: bytes, check: bool = True) -> NDArray[Any] | None:

@@ -9,6 +9,7 @@ from equipoise.errors import SettingsError
 from equipoise.robot.model import RobotModel
 
 MOTORS = 12  # of the 20 that a message has room for
+STOP_POSITION, STOP_VELOCITY = 2.146e9, 16000.0  # values that disable position and velocity control
 MOTOR_LEGS = ("FR", "FL", "RR", "RL")  # each hip, thigh, calf
 
 

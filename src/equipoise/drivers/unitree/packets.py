@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.crc import crc32_words
-from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.motors import MOTORS, STOP_POSITION, STOP_VELOCITY
 from equipoise.drivers.unitree.packet_formats import PacketFormat
 from equipoise.drivers.unitree.remote_control import KEYS_AT
 from equipoise.errors import SettingsError
 from equipoise.platform.platform import JointCommand
 
-POSITION_STOP, VELOCITY_STOP = 2.146e9, 16000.0  # values that disable position and velocity control
 _SERVO = 0x0A
 _SCRAMBLE = 0xEDCAB9DE
 _CHECKSUM_SIZE = 4
@@ -34,7 +33,7 @@ Damage = Literal["wrong length", "wrong head", "wrong checksum"]
 """Fault of a packet."""
 DAMAGES: tuple[Damage, ...] = get_args(Damage)
 """All kinds of damage, the least severe last."""
-NOT_CONTROLLED = JointCommand(np.full(MOTORS, POSITION_STOP), np.full(MOTORS, VELOCITY_STOP), *np.zeros((3, MOTORS)))
+NOT_CONTROLLED = JointCommand(np.full(MOTORS, STOP_POSITION), np.full(MOTORS, STOP_VELOCITY), *np.zeros((3, MOTORS)))
 """Command without position, velocity and torque."""
 
 
@@ -75,7 +74,7 @@ class CommandPacket:
         self._bytes, record = blank_packet(packets.command, packets.begins)
         record["bandwidth"] = packets.bandwidth
         motors = record["motors"]
-        motors["mode"], motors["position"], motors["velocity"] = _SERVO, POSITION_STOP, VELOCITY_STOP
+        motors["mode"], motors["position"], motors["velocity"] = _SERVO, STOP_POSITION, STOP_VELOCITY
         self._motors = FieldWriter(motors[:MOTORS], COMMANDED, packets.counts, np.trunc)  # as the makers' SDKs
 
     def write(self, command: JointCommand) -> bytearray:

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from equipoise.drivers.dds.domain import LOOPBACK, DdsDomain, raw
 from equipoise.drivers.unitree.dds import COMMAND_TOPIC, CONTROL_PERIOD, STATE_TOPIC
 from equipoise.drivers.unitree.dds_types import LowCmd, LowState, Request, Response, ResponseHeader, ResponseStatus
-from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
+from equipoise.drivers.unitree.low_level import COMMAND, STATE, read_message
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, keys_of
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
+from equipoise.lab.emulators.emulated_robot import of_motor_boards
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.lab.emulators.options import UnitreeDdsOptions
 from equipoise.platform.platform import JointCommand, RobotState
@@ -49,7 +50,7 @@ class UnitreeDdsWire:
         self._options, self._log = options, log
         self._joint_of_motor = joints_of_motors(robot, "the protocol")
         self._motor_of_joint = np.argsort(self._joint_of_motor)
-        self._message, self._faulty = Message(STATE), FaultySamples(CONTROL_PERIOD)
+        self._record, self._faulty = STATE.blank(), FaultySamples(CONTROL_PERIOD)
         self._mode = _SPORT_MODE if options.sport_mode and not options.bare else ""
         self._release_time: float | None = None
         self._now = 0.0
@@ -81,7 +82,7 @@ class UnitreeDdsWire:
     def publish(self, state: RobotState, faults: ActiveFaults) -> None:
         self._now, self._position = state.time, state.joint_position
         self._fill(state, faults)
-        data = self._message.encoded()
+        data = STATE.encoded(self._record)
         if self._options.bare:
             data = data[:-4] + bytes(4)
         for sample in self._faulty.sent(data, faults):
@@ -110,27 +111,17 @@ class UnitreeDdsWire:
         return []
 
     def _for_joints(self, motors: NDArray[Any]) -> JointCommand:
-        """Return the command of the motor boards: no control of stop values, and no torque of motors that are off."""
+        """Return the command that the motor boards execute."""
         order = self._motor_of_joint
-        on = motors["mode"][order] != 0
-        position, velocity, torque, kp, kd = (
-            motors[name][order].astype(float) for name in ("q", "dq", "tau", "kp", "kd")
-        )
-        holds, brakes = on & (np.abs(position) < STOP_POSITION / 2), on & (np.abs(velocity) < STOP_VELOCITY / 2)
-        gains = float(kp.mean()), float(kd.mean())
+        table = np.array([motors[name][order] for name in ("q", "dq", "tau", "kp", "kd")], dtype=float)
+        gains = float(table[3].mean()), float(table[4].mean())
         if not np.allclose(gains, self._gains, rtol=_ANOTHER_GAIN, atol=0):
             self._gains = gains
             self._log(kp=round(gains[0], 3), kd=round(gains[1], 3), motor_mode=int(motors["mode"][0]))
-        return JointCommand(
-            np.where(holds, position, self._position),
-            np.where(brakes, velocity, 0.0),
-            np.where(on, torque, 0.0),
-            np.where(holds, kp, 0.0),
-            np.where(brakes, kd, 0.0),
-        )
+        return of_motor_boards(table, self._position, motors["mode"][order] != 0)
 
     def _fill(self, state: RobotState, faults: ActiveFaults) -> None:
-        record, order = self._message.record, self._joint_of_motor
+        record, order = self._record, self._joint_of_motor
         motors, imu = record["motor_state"], record["imu_state"]
         motors["q"][:MOTORS] = state.joint_position[order]
         for name, values in (("dq", state.joint_velocity), ("tau_est", state.joint_torque)):

@@ -16,15 +16,12 @@ import numpy as np
 
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.packet_formats import forms_of
-from equipoise.drivers.unitree.packets import (
-    POSITION_STOP,
-    VELOCITY_STOP,
-    SensorReadings,
-)
+from equipoise.drivers.unitree.packets import SensorReadings
 from equipoise.drivers.unitree.remote_control import keys_of
 from equipoise.drivers.unitree.udp import CONTROL_PERIOD
 from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
+from equipoise.lab.emulators.emulated_robot import of_motor_boards
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.lab.emulators.options import UnitreeUdpOptions
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
@@ -83,7 +80,7 @@ class UnitreeUdpWire:
         self._client: Address | None = None
         self._gains: tuple[float, float] | None = None
         self._gains_logged = -np.inf
-        self._position: np.ndarray | None = None
+        self._position = np.zeros(MOTORS)
         self.received = self.damaged = self.sent = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -129,21 +126,10 @@ class UnitreeUdpWire:
             arrived += self._inward.carry(data) if sender == self._client else []
 
     def _for_joints(self, motors: JointCommand) -> JointCommand:
-        """Return the command of the motor boards, without control of stop values."""
-        order = self._motor_of_joint
-        position, velocity, torque, kp, kd = (
-            getattr(motors, name)[order] for name in ("position", "velocity", "torque", "kp", "kd")
-        )
-        self._note_gains((round(float(kp.mean()), 3), round(float(kd.mean()), 3)))
-        free, coasting = np.abs(position) >= POSITION_STOP / 2, np.abs(velocity) >= VELOCITY_STOP / 2
-        here = np.zeros(MOTORS) if self._position is None else self._position
-        return JointCommand(
-            np.where(free, here, position),
-            np.where(coasting, 0.0, velocity),
-            torque,
-            np.where(free, 0.0, kp),
-            np.where(coasting, 0.0, kd),
-        )
+        """Return the command that the motor boards execute."""
+        table = motors.table(0.0, 0.0)[:, self._motor_of_joint]
+        self._note_gains((round(float(table[3].mean()), 3), round(float(table[4].mean()), 3)))
+        return of_motor_boards(table, self._position, np.ones(MOTORS, dtype=bool))
 
     def _note_gains(self, gains: tuple[float, float]) -> None:
         """Log new gains, at most once per ramp step."""
