@@ -58,42 +58,32 @@ class Impedance:
         order: NDArray[np.intp],
         hold: dict[str, FloatArray],
     ) -> None:
-        pattern, self._idle, self._order = options.impedance_topic, options.idle, order
-        self._by_interface = "{interface}" in pattern
-        self._values = {name: hold.get(name, np.zeros(len(controlled))) for name in _INTERFACES}
-        loaded = [name for name in _INTERFACES if name not in options.unloaded]
-        self._inboxes = {
-            name: domain.inbox(dds_topic(pattern.replace(mark, name)), Float64MultiArray)
-            for mark, names in (("{interface}", loaded), ("{joint}", controlled))
-            if mark in pattern
-            for name in names
-        }
-        self._controlled = controlled
+        pattern, self._order = options.impedance_topic, order
+        self._active = [row for row, name in enumerate(_INTERFACES) if name not in options.idle]
+        self._values = np.zeros((len(_INTERFACES), len(controlled)))  # in the controllers' order
+        for name, values in hold.items():
+            self._values[_INTERFACES.index(name), order] = values
+        if "{interface}" in pattern:
+            rows = {name: (row, slice(None)) for row, name in enumerate(_INTERFACES) if name not in options.unloaded}
+            places, mark = rows, "{interface}"
+        else:
+            places, mark = {name: (slice(None), place) for place, name in enumerate(controlled)}, "{joint}"
+        self._inboxes = [
+            (domain.inbox(dds_topic(pattern.replace(mark, name)), Float64MultiArray), place)
+            for name, place in places.items()
+        ]
 
     def take(self, accept: Callable[[bool], bool]) -> None:
         """Process the messages that arrived. `accept` is called with true for messages of the right size."""
-        size = len(self._controlled) if self._by_interface else len(_INTERFACES)
-        for name, inbox in self._inboxes.items():
+        for inbox, place in self._inboxes:
             for _, message in inbox.take():
-                if accept(len(message.data) == size):
-                    self._write(name, np.array(message.data))
+                if accept(len(message.data) == self._values[place].size):
+                    values = self._values.copy()
+                    values[place] = message.data
+                    self._values[self._active] = values[self._active]
 
     def command(self) -> JointCommand:
-        return JointCommand(*(self._values[name] for name in _INTERFACES))
-
-    def _write(self, name: str, values: FloatArray) -> None:
-        if self._by_interface:
-            self._set(name, slice(None), values[self._order])
-        else:
-            joint = int(np.flatnonzero(self._order == self._controlled.index(name))[0])
-            for interface, value in zip(_INTERFACES, values, strict=True):
-                self._set(interface, joint, value)
-
-    def _set(self, interface: str, joints: int | slice, value: Any) -> None:
-        if interface not in self._idle:
-            values = self._values[interface].copy()  # a command may still use the array
-            values[joints] = value
-            self._values[interface] = values
+        return JointCommand(*self._values[:, self._order])
 
 
 class Ros2Wire:
