@@ -12,7 +12,7 @@ from equipoise.errors import MotionError, SettingsError
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.lab.balance.balance_model import LinearModel, linear_model
 from equipoise.lab.balance.controller import BalanceLaw
-from equipoise.lab.balance.observer import FootholdGeometry, SensorCorrections, StateEstimator
+from equipoise.lab.balance.observer import SensorCorrections, StateEstimator, com_and_clearance, feet_and_com
 from equipoise.lab.balance.run import BalanceRun, Ending, StateEstimates
 from equipoise.lab.balance.two_foot_posture import Posture, posture_over_line
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState
@@ -77,10 +77,10 @@ def balance(
         platform, robot, design_model, diagonal, duration, standing.target.joint_position, standing.target.torque, watch
     )
     try:
-        estimator, geometry = trial.rest(corrections or SensorCorrections.none(robot))
-        postures = trial.plan(geometry)
+        estimator, footholds = trial.rest(corrections or SensorCorrections.none(robot))
+        postures = trial.plan(footholds)
         trial.move_over_line(estimator, postures[0])
-        lift_off, ending, model = trial.lift_and_balance(estimator, geometry, postures)
+        lift_off, ending, model = trial.lift_and_balance(estimator, footholds, postures)
     except KeyboardInterrupt:
         trial.put_feet_back()
         raise MotionInterrupted(trial.recording()) from None
@@ -142,20 +142,20 @@ class _Trial:
         self._target, self._torque = home, home_torque
         self._state: RobotState = platform.read()
 
-    def rest(self, corrections: SensorCorrections) -> tuple[StateEstimator, FootholdGeometry]:
-        """Stand still, and measure the vertical and the footholds."""
+    def rest(self, corrections: SensorCorrections) -> tuple[StateEstimator, FloatArray]:
+        """Stand still; return the vertical's estimator and the (4, 3) footholds, as in `feet_and_com` [m]."""
         self._begin(Phase.REST)
         states = [self._send(self.home, self.home_torque) for _ in range(self._periods(_REST_TIME))]
         estimator = StateEstimator(self.robot, corrections, states, self.platform.control_period)
-        return estimator, FootholdGeometry(self.design_model, self.diagonal, estimator)
+        return estimator, feet_and_com(self.design_model, estimator)[0]
 
-    def plan(self, geometry: FootholdGeometry) -> list[Posture]:
+    def plan(self, footholds: FloatArray) -> list[Posture]:
         """Compute postures over the support line with the lifted feet at several heights."""
         heights = np.linspace(0, self.swing_height, _HEIGHTS)
         joints = self.home
         postures: list[Posture] = []
         for height in heights:
-            postures.append(posture_over_line(self.design_model, geometry.footholds, self.diagonal, height, joints))
+            postures.append(posture_over_line(self.design_model, footholds, self.diagonal, height, joints))
             joints = postures[-1].joint_position
         return postures
 
@@ -168,7 +168,7 @@ class _Trial:
         self._glide(self._target, standing.torque, _UNLOAD_TIME, estimator)
 
     def lift_and_balance(
-        self, estimator: StateEstimator, geometry: FootholdGeometry, postures: list[Posture]
+        self, estimator: StateEstimator, footholds: FloatArray, postures: list[Posture]
     ) -> tuple[float, Ending, LinearModel]:
         """Lift two feet quickly, and balance as soon as they are off the ground.
 
@@ -194,7 +194,7 @@ class _Trial:
                 estimator.angular_velocity_in_base,
                 active=time >= _ENGAGE_TIME,
             )
-            com_ahead, clearance = geometry.com_and_clearance(estimator)
+            com_ahead, clearance = com_and_clearance(self.design_model, self.diagonal, footholds, estimator)
             tilt = float(np.arccos(np.clip(estimator.up[2], -1, 1)))
             self._estimates.append((self._state.time, tilt, com_ahead, clearance))
             down = time > _LIFT_TIME and clearance < _TOUCHING * self.swing_height

@@ -112,38 +112,28 @@ class StateEstimator:
         return self._to_base @ (state.acceleration_in_imu - self._accelerometer_bias)
 
 
-class FootholdGeometry:
-    """Footholds, and the position of the body relative to its support line.
+def feet_and_com(robot: RobotModel, estimator: StateEstimator) -> tuple[FloatArray, FloatArray]:
+    """Compute the (4, 3) feet and the (3,) CoM from the base frame's origin, the third axis vertical [m]."""
+    kinematics, upright = Kinematics(robot), leveling(estimator.up)
+    feet = kinematics.foot_positions(estimator.joint_position) @ upright.T
+    return feet, upright @ kinematics.com(estimator.joint_position)
 
-    Attributes:
-        footholds: (4, 3) centres of the feet on the floor, from the base frame's origin, the third axis vertical [m].
+
+def com_and_clearance(
+    robot: RobotModel, diagonal: str, footholds: FloatArray, estimator: StateEstimator
+) -> tuple[float, float]:
+    """Compute the distance of the CoM in front of a support line, and the clearance of the lower lifted foot [m].
 
     Args:
-        design_model: design model of the robot.
-        diagonal: diagonal that the robot will stand on.
-        estimator: state of the robot at rest on four feet.
+        robot: design model of the robot.
+        footholds: (4, 3) centres of the feet when all stood on the floor, as in `feet_and_com` [m].
     """
-
-    def __init__(self, design_model: RobotModel, diagonal: str, estimator: StateEstimator) -> None:
-        self._kinematics = Kinematics(design_model)
-        self._right, self._left = (LEG_NAMES.index(leg) for leg in stance_legs(diagonal))
-        self._lifted = [row for row in range(4) if row not in (self._right, self._left)]
-        self.footholds = self._feet(estimator)[0]
-
-    def com_and_clearance(self, estimator: StateEstimator) -> tuple[float, float]:
-        """Compute the distance of the CoM in front of the line, and the clearance of the lower lifted foot [m]."""
-        feet, com = self._feet(estimator)
-        right, left = feet[self._right], feet[self._left]
-        _, forward = line_through(right, left)
-        rise = feet[:, 2] - self.footholds[:, 2]
-        rise = rise - (rise[self._right] + rise[self._left]) / 2
-        return float(forward @ (com - right)), float(rise[self._lifted].min())
-
-    def _feet(self, estimator: StateEstimator) -> tuple[FloatArray, FloatArray]:
-        """Compute feet and CoM from the base frame's origin, the third axis vertical."""
-        upright = leveling(estimator.up)
-        feet = self._kinematics.foot_positions(estimator.joint_position) @ upright.T
-        return feet, upright @ self._kinematics.com(estimator.joint_position)
+    feet, com = feet_and_com(robot, estimator)
+    right, left = (LEG_NAMES.index(leg) for leg in stance_legs(diagonal))
+    _, forward = line_through(feet[right], feet[left])
+    rise = feet[:, 2] - footholds[:, 2]
+    rise = rise - (rise[right] + rise[left]) / 2
+    return float(forward @ (com - feet[right])), float(np.delete(rise, [right, left]).min())
 
 
 def leveling(up: FloatArray) -> FloatArray:
