@@ -30,7 +30,6 @@ from equipoise.lab.study.study_statistics import LEVELS, WITHIN, MethodSummary, 
 from equipoise.lab.study.summary import (
     coverage_text,
     error_numbers,
-    failures_text,
     rate_text,
     slope_numbers,
     source_label,
@@ -44,9 +43,10 @@ def method_blocks(summary: MethodSummary) -> list[Block]:
     """Return rate, failures and a table of errors of a method."""
     times = {"robot time": f"{summary.robot_time:.0f} s", "CPU time": f"{summary.cpu_time:.2f} s"}
     medians = ", ".join(f"{name} {time}" for name, time in times.items() if "nan" not in time)
+    failures = ", ".join(f"{count} {kind}" for kind, count in summary.failures.items()) or "none"
     text = (
         f"{summary.method}: {summary.trials} trials, within 5 mm {rate_text(summary.within_5_mm)}, "
-        f"failed: {failures_text(summary)}{f'; medians: {medians}' if medians else ''}"
+        f"failed: {failures}{f'; medians: {medians}' if medians else ''}"
     )
     reasons = tuple(f"{kind}, the first in {reason}" for kind, reason in summary.reasons.items())
     blocks: list[Block] = [text, *([reasons] if reasons else [])]

@@ -71,7 +71,11 @@ class Study:
     description: RobotDescription = field(default_factory=RobotDescription)
 
     def __post_init__(self) -> None:
-        self._check_methods()
+        if not self.methods:
+            raise SettingsError(f"a study needs at least one method of {', '.join(METHODS)}")
+        names = [method.name for method in self.methods]
+        if len(set(names)) < len(names):
+            raise SettingsError(f"the methods are {', '.join(names)}; name each method once")
         sizes_of(self.preset, Scale(1.0, 1.0), self.effects, self.disabled_effects)
         if unknown := [name for name in self.only if name not in SOURCES]:
             raise SettingsError(f"{unknown[0]!r} is not an error source; use {', '.join(SOURCES)}")
@@ -86,13 +90,6 @@ class Study:
                 "imu_clock_offset has no effect without sensor_delay, because IMU samples cannot be newer than the time at "
                 "which they are read; add sensor_delay to --only-effects"
             )
-
-    def _check_methods(self) -> None:
-        if not self.methods:
-            raise SettingsError(f"a study needs at least one method of {', '.join(METHODS)}")
-        names = [method.name for method in self.methods]
-        if len(set(names)) < len(names):
-            raise SettingsError(f"the methods are {', '.join(names)}; name each method once")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

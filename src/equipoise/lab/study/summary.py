@@ -44,20 +44,10 @@ def slope_numbers(slope: Slope) -> tuple[float, float, str]:
     return 1000 * slope.slope / factor, 1000 * slope.std / factor, f"mm per {unit}"
 
 
-def failures_text(summary: MethodSummary) -> str:
-    """Return the numbers of failed calibrations by kind."""
-    return ", ".join(f"{count} {kind}" for kind, count in summary.failures.items()) or "none"
-
-
 def summary_table(study: Study, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> dict[str, Any]:
     """Return the JSON form of a study's summary."""
-    table = {
-        "schema": SCHEMA,
-        "study": study.to_dict(),
-        "methods": to_json(summaries),
-        "slopes": to_json(slopes),
-    }
-    return _without_infinities(table)
+    table = {"schema": SCHEMA, "study": study.to_dict(), "methods": to_json(summaries), "slopes": to_json(slopes)}
+    return json.loads(json.dumps(table), parse_constant=lambda name: None)  # JSON has no infinities and no nan
 
 
 def error_numbers(error: ErrorStatistics) -> tuple[str, str, str]:
@@ -83,14 +73,3 @@ def save_summary(folder: str | Path, table: dict[str, Any], markdown: str) -> li
     write_file(paths[0], json.dumps(table, indent=2, allow_nan=False) + "\n", "the summary ")
     write_file(paths[1], markdown, "the summary ")
     return paths
-
-
-def _without_infinities(value: Any) -> Any:
-    """Replace infinities and nan by null, because JSON does not have them."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _without_infinities(item) for key, item in value.items()}  # pyright: ignore[reportUnknownVariableType]
-    if isinstance(value, (list, tuple)):
-        return [_without_infinities(item) for item in value]  # pyright: ignore[reportUnknownVariableType]
-    return value
