@@ -155,20 +155,15 @@ def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration
     return Validation(result.robot, tuple(lifts), largest)
 
 
-def _replay(robot: RobotModel, base: InertialParameters | None) -> MujocoReplay:
-    """Return the replay with a model, whose base may be replaced."""
+def _replays(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) -> dict[str, MujocoReplay]:
     try:
         from equipoise.lab.replay.in_mujoco import MujocoReplay  # noqa: PLC0415 - estimation does not need an engine
     except ModuleNotFoundError as error:
         raise MissingDependencyError("the replay of lifts needs MuJoCo: pip install 'equipoise[simulation]'") from error
-    return MujocoReplay(robot, base)
-
-
-def _replays(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) -> dict[str, MujocoReplay]:
     replays: dict[str, MujocoReplay] = {}
     for name, body in bodies.items():
         if isinstance(body, Calibration):
-            replays[name] = _replay(robot, _base_of(name, robot, body))
+            replays[name] = MujocoReplay(robot, _base_of(name, robot, body))
         elif set(body.joint_names) != set(robot.joint_names):
             different = sorted(set(body.joint_names) ^ set(robot.joint_names))
             raise SettingsError(
@@ -176,7 +171,7 @@ def _replays(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) 
                 "model of the same robot"
             )
         else:
-            replays[name] = _replay(body, None)
+            replays[name] = MujocoReplay(body)
     return replays
 
 
