@@ -12,7 +12,7 @@ from robots import FOOT_RADIUS, FOUR_LEGS, load_text, quadruped_mjcf
 from scipy.spatial.transform import Rotation
 
 from equipoise.errors import ModelError
-from equipoise.robot.cleaning.mjcf_poses import AngleConvention, orientation
+from equipoise.robot.cleaning.mjcf_poses import orientation
 from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.inertial import base_parameters
 from equipoise.robot.model import RobotModel
@@ -369,6 +369,10 @@ REFUSED = [
         "robot model 'robot.xml': <body> has an orientation whose axes or quaternion have no direction",
     ),
     (
+        quadruped_mjcf(trunk_extra='<body axisangle="0 0 1"/>'),
+        "robot model 'robot.xml': cannot reshape array of size 3 into shape (4,)",
+    ),
+    (
         quadruped_mjcf(tail='<actuator><motor joint="FL_0" ctrlrange="weak strong"/></actuator>'),
         "robot model 'robot.xml': could not convert string to float: 'weak'",
     ),
@@ -376,7 +380,9 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), REFUSED, ids=["no freejoint", "no body", "nan", "words", "no axis", "words in range"]
+    ("text", "message"),
+    REFUSED,
+    ids=["no freejoint", "no body", "nan", "words", "no axis", "no angle", "words in range"],
 )
 def test_invalid_files_are_refused_with_the_reason(refusal, text, message):
     assert refusal(text) == message
@@ -398,7 +404,7 @@ vectors = hnp.arrays(float, 3, elements=finite).filter(lambda v: np.linalg.norm(
 def read_orientation(key, numbers, angle="radian", sequence="xyz"):
     root = ET.fromstring(f'<mujoco><compiler angle="{angle}" eulerseq="{sequence}"/></mujoco>')
     element = ET.Element("body", {key: " ".join(repr(float(number)) for number in numbers)})
-    return orientation(element, AngleConvention.of(root))
+    return orientation(element, root)
 
 
 @given(hnp.arrays(float, 4, elements=finite).filter(lambda q: np.linalg.norm(q) > 1e-3))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from pathlib import Path
 
 from equipoise.errors import ModelError
 from equipoise.robot.cleaning.mjcf_joints import base_body, clean_joints, couplings_of
-from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS, AngleConvention, write_plain_poses
+from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS, angle_unit, write_plain_poses
 from equipoise.robot.cleaning.size import refuse_immense
 from equipoise.robot.cleaning.urdf_joints import Coupling
 from equipoise.user_file import read_bytes
@@ -22,6 +23,8 @@ _ACTUATORS = ("motor", "position", "velocity", "general", "intvelocity")
 # Compiler settings that change the masses of bodies, and their harmless values.
 _MASS_SETTINGS = {"settotalmass": [-1.0], "boundmass": [0.0], "boundinertia": [0.0], "inertiagrouprange": [0.0, 5.0]}
 _POSITIONS = {"free": 7, "ball": 4}  # numbers in `qpos`; other joints have one
+DefaultClasses = dict[str, dict[str, dict[str, str]]]
+"""Attributes by default class and kind of element."""
 # Elements that generate bodies.
 _GENERATORS = ("replicate", "attach", "composite", "flexcomp")
 
@@ -45,30 +48,29 @@ def clean_mjcf(
     _merge_sections(root)
     _refuse_mass_settings(root, path)
     _name_unnamed(root)
-    defaults = _Defaults(root)
-    effort_limits, couplings = _effort_limits(root, defaults), couplings_of(root)
+    classes = _default_classes(root)
+    effort_limits, couplings = _effort_limits(root, classes), couplings_of(root)
     home = root.find("keyframe/key[@name='home']")
     for section in _DROPPED_SECTIONS:
         for element in root.findall(section):
             root.remove(element)
-    _flatten_defaults(root, defaults)
+    _flatten_defaults(root, classes)
     at_home = {} if home is None else _joint_positions(root, home)
     write_plain_poses(root)
     base = base_body(root, path)
     _refuse_generators(base, path)
-    locked = clean_joints(base, AngleConvention.of(root), path)
+    locked = clean_joints(root, base, path)
     for key in ("pos", *ORIENTATIONS):  # the start pose is not a property of the robot
         base.attrib.pop(key, None)
     _drop_overruled_inertials(root)
     repairs = _strip_meshes(root, path)
-    others = [child for world in root.findall("worldbody") for child in world if child is not base]
-    if others:
-        tags = sorted({child.tag for child in others})
-        repairs.append(f"other elements of the world are ignored: {', '.join(tags)}")
     for world in root.findall("worldbody"):
-        for child in list(world):
-            if child is not base:
-                world.remove(child)
+        others = [child for child in world if child is not base]
+        if others:
+            tags = sorted({child.tag for child in others})
+            repairs.append(f"other elements of the world are ignored: {', '.join(tags)}")
+        for child in others:
+            world.remove(child)
     return root, repairs, effort_limits, at_home, locked, couplings
 
 
@@ -128,30 +130,31 @@ def _name_unnamed(root: ET.Element) -> None:
                 joint.set("name", f"unnamed_joint_{index}_{place}")
 
 
-class _Defaults:
-    """Attribute look-up through MJCF's nested default classes."""
+def _default_classes(root: ET.Element) -> DefaultClasses:
+    """Return the attributes of MJCF's nested default classes, with those that they inherit."""
+    classes: DefaultClasses = {"main": {}}
 
-    def __init__(self, root: ET.Element) -> None:
-        self._classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
-        for top in root.findall("default"):
-            self._read(top, "main", self._classes["main"])
-
-    def _read(self, element: ET.Element, name: str, inherited: dict[str, dict[str, str]]) -> None:
-        attributes = {tag: dict(values) for tag, values in inherited.items()}
+    def read(element: ET.Element, name: str, above: str) -> None:
+        classes[name] = {tag: dict(values) for tag, values in classes[above].items()}
         for child in element:
             if child.tag != "default":
-                attributes.setdefault(_default_tag(child), {}).update(child.attrib)
-        self._classes[name] = attributes
+                classes[name].setdefault(_default_tag(child), {}).update(child.attrib)
         for child in element.findall("default"):
-            self._read(child, child.get("class", ""), attributes)
+            read(child, child.get("class", ""), name)
 
-    def all(self, element: ET.Element, childclass: str = "main") -> dict[str, str]:
-        """Return the attributes that the element inherits from its class."""
-        return self._classes.get(element.get("class", childclass), {}).get(_default_tag(element), {})
+    for top in root.findall("default"):
+        read(top, "main", "main")
+    return classes
 
-    def get(self, element: ET.Element, key: str, childclass: str = "main") -> str | None:
-        """Return one attribute, the element's own or inherited."""
-        return element.attrib.get(key, self.all(element, childclass).get(key))
+
+def _inherited(classes: DefaultClasses, element: ET.Element, childclass: str = "main") -> dict[str, str]:
+    """Return the attributes that an element inherits from its class."""
+    return classes.get(element.get("class", childclass), {}).get(_default_tag(element), {})
+
+
+def _attribute(classes: DefaultClasses, element: ET.Element, key: str, childclass: str = "main") -> str | None:
+    """Return one attribute, the element's own or inherited."""
+    return element.attrib.get(key, _inherited(classes, element, childclass).get(key))
 
 
 def _default_tag(element: ET.Element) -> str:
@@ -159,7 +162,7 @@ def _default_tag(element: ET.Element) -> str:
     return "actuator" if element.tag in _ACTUATORS else element.tag
 
 
-def _effort_limits(root: ET.Element, defaults: _Defaults) -> dict[str, float]:
+def _effort_limits(root: ET.Element, classes: DefaultClasses) -> dict[str, float]:
     """Return the torque limit of each joint: the force range of its actuator, or of a motor's control, times the gear.
 
     A limit of the joint itself applies too.
@@ -169,14 +172,14 @@ def _effort_limits(root: ET.Element, defaults: _Defaults) -> dict[str, float]:
         joint = element.get("joint")
         if element.tag not in _ACTUATORS or joint is None:
             continue
-        span = defaults.get(element, "forcerange")
+        span = _attribute(classes, element, "forcerange")
         if span is None and element.tag == "motor":
-            span = defaults.get(element, "ctrlrange")
-        gear = abs(float((defaults.get(element, "gear") or "1").split()[0]))
+            span = _attribute(classes, element, "ctrlrange")
+        gear = abs(float((_attribute(classes, element, "gear") or "1").split()[0]))
         _lower(limits, joint, span, gear)
     for childclass, body in _walk_bodies(root):
         for joint in body.findall("joint"):
-            _lower(limits, joint.get("name", ""), defaults.get(joint, "actuatorfrcrange", childclass), 1.0)
+            _lower(limits, joint.get("name", ""), _attribute(classes, joint, "actuatorfrcrange", childclass), 1.0)
     return limits
 
 
@@ -186,7 +189,7 @@ def _joint_positions(root: ET.Element, key: ET.Element) -> dict[str, float]:
     Empty if the number of values does not fit the joints: MuJoCo may generate further bodies.
     """
     values = [float(word) for word in key.get("qpos", "").split()]
-    unit, found, place = AngleConvention.of(root).unit, dict[str, float](), 0
+    unit, found, place = angle_unit(root), dict[str, float](), 0
     for _, body in _walk_bodies(root):
         for joint in (child for child in body if child.tag in ("joint", "freejoint")):
             kind = "free" if joint.tag == "freejoint" else joint.get("type", "hinge")
@@ -203,29 +206,23 @@ def _lower(limits: dict[str, float], joint: str, span: str | None, gear: float) 
         limits[joint] = min(limit, limits.get(joint, limit))
 
 
-def _walk_bodies(root: ET.Element) -> list[tuple[str, ET.Element]]:
-    """Return every body and every frame with the default class of its children."""
-    found: list[tuple[str, ET.Element]] = []
-
-    def descend(element: ET.Element, childclass: str) -> None:
-        for child in element:
-            if child.tag in ("body", "frame"):
-                own = child.get("childclass", childclass)
-                found.append((own, child))
-                descend(child, own)
-
-    for world in root.findall("worldbody"):
-        descend(world, "main")
-    return found
+def _walk_bodies(parent: ET.Element, childclass: str = "main") -> Iterator[tuple[str, ET.Element]]:
+    """Yield every body and every frame of a file with the default class of its children."""
+    for child in parent:
+        if child.tag in ("worldbody", "body", "frame"):
+            own = child.get("childclass", childclass)
+            if child.tag != "worldbody":
+                yield own, child
+            yield from _walk_bodies(child, own)
 
 
-def _flatten_defaults(root: ET.Element, defaults: _Defaults) -> None:
+def _flatten_defaults(root: ET.Element, classes: DefaultClasses) -> None:
     """Write inherited attributes onto the elements: Pinocchio's reader ignores some of them (a geom's `pos`)."""
     for childclass, body in _walk_bodies(root):
         body.attrib.pop("childclass", None)
         for element in body:
             if element.tag in ("geom", "joint", "site"):
-                inherited = defaults.all(element, childclass)
+                inherited = _inherited(classes, element, childclass)
                 if any(key in element.attrib for key in (*ORIENTATIONS, "fromto")):
                     inherited = {k: v for k, v in inherited.items() if k not in (*ORIENTATIONS, "fromto")}
                 element.attrib = {**inherited, **element.attrib}

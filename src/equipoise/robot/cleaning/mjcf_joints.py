@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from equipoise.errors import ModelError
-from equipoise.robot.cleaning.mjcf_poses import AngleConvention, fold_reference
+from equipoise.robot.cleaning.mjcf_poses import angle_unit, fold_reference
 from equipoise.robot.cleaning.urdf_joints import SMALLEST_AXIS, Coupling
 
 _FEWEST_LEG_JOINTS = 8  # of a quadruped: four legs of two
@@ -46,7 +46,7 @@ def _without_base(bodies: list[ET.Element]) -> str:
     return "has no floating base: give the trunk's body a <freejoint/>"
 
 
-def clean_joints(base: ET.Element, convention: AngleConvention, path: Path) -> dict[str, float]:
+def clean_joints(root: ET.Element, base: ET.Element, path: Path) -> dict[str, float]:
     """Make joints whose limits are equal fixed, in place; returns their positions by name [rad or m].
 
     Raises:
@@ -58,9 +58,9 @@ def clean_joints(base: ET.Element, convention: AngleConvention, path: Path) -> d
             if (position := _locked_at(joint, f"robot model {str(path)!r}: joint {joint.get('name')!r}")) is None:
                 continue
             joint.set("ref", repr(-position))
-            fold_reference(body, convention)
+            fold_reference(body, root)
             body.remove(joint)
-            unit = convention.unit if joint.get("type", "hinge") == "hinge" else 1.0
+            unit = angle_unit(root) if joint.get("type", "hinge") == "hinge" else 1.0
             locked[joint.get("name", "")] = position * unit
     return locked
 
