@@ -77,7 +77,7 @@ def test_every_command_works_in_the_order_of_the_readme(ran):
 
 def lacks_robot(command):
     """Return whether a robot of a command needs a package that is not installed."""
-    return any(not CATALOG[word].installed for word in command.split() if word in CATALOG)
+    return any(CATALOG[word].install for word in command.split() if word in CATALOG)
 
 
 def test_all_commands_were_tried(ran):

@@ -140,6 +140,7 @@ class Model:
     njoints: int
     names: _StdVec[str]
     subtrees: _StdVec[_StdVec[int]]
+    children: _StdVec[_StdVec[int]]
     parents: _StdVec[int]
     joints: _StdVec[JointModel]
     jointPlacements: _StdVec[SE3]

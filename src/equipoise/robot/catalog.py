@@ -55,12 +55,7 @@ class CatalogEntry:
     @property
     def install(self) -> str | None:
         """Command that installs the package, if it is missing."""
-        return None if self.installed else self.hint
-
-    @property
-    def installed(self) -> bool:
-        """True if its package is installed."""
-        return self._path is not None
+        return self.hint if self._path is None else None
 
     @property
     def _path(self) -> Path | None:

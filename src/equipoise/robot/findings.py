@@ -15,7 +15,6 @@ from equipoise.robot.bodies import LinkInertial, RigidBody, hip_positions
 from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.inertial import InertialParameters, base_parameters
 from equipoise.robot.kinematics import Kinematics
-from equipoise.robot.legs import Leg
 from equipoise.robot.limits import limits_not_mirrored
 from equipoise.robot.links import equal_round_moment, radius_of_gyration_of
 from equipoise.robot.model import RobotModel
@@ -78,7 +77,9 @@ def find(
         composite: inertial parameters of the whole robot at the stance; None without a stance.
         stance: the nominal stance.
     """
-    impossible = [*_impossible_in_file(robot, links), *_impossible_as_read(bodies.values(), links), *_light_base(robot)]
+    impossible = [*_impossible_in_file(robot, links), *_impossible_as_read(bodies.values(), links)]
+    if robot.defect_of_base is not None:
+        impossible.append(ModelFinding("error", robot.base_link, robot.defect_of_base))
     suspects = {finding.body for finding in impossible}
     made_up = [
         *_placeholders([link for link in links if link.name not in suspects]),
@@ -119,11 +120,6 @@ def _impossible_as_read(bodies: Iterable[RigidBody], links: list[LinkInertial]) 
     for body in bodies:
         if body.mass <= 0:
             yield ModelFinding("error", body.name, "no mass, though it moves")
-
-
-def _light_base(robot: RobotModel) -> Iterator[ModelFinding]:
-    if robot.defect_of_base is not None:
-        yield ModelFinding("error", robot.base_link, robot.defect_of_base)
 
 
 def _severity_of_impossible(link: LinkInertial) -> Severity:
@@ -178,7 +174,9 @@ def _asymmetries(robot: RobotModel, bodies: dict[int, RigidBody], stance: Stance
     poses = kinematics.joint_poses(posture)
     feet = dict(zip(robot.legs, kinematics.foot_positions(posture), strict=True))
     for left, right in ((robot.legs["FL"], robot.legs["FR"]), (robot.legs["RL"], robot.legs["RR"])):
-        points_left, points_right = (_leg_points(leg, poses, feet[leg.name]) for leg in (left, right))
+        points_left, points_right = (
+            np.array([*(poses[joint].translation for joint in leg.joint_ids), feet[leg.name]]) for leg in (left, right)
+        )
         gap = np.linalg.norm(points_left - _mirror_points(points_right, middle), axis=1).max()
         placed = bool(gap <= _MIRRORED_POSTURE_RATIO * robot.leg_length)
         if not placed and stance is not None:
@@ -224,11 +222,6 @@ def _copied(poses: list[pin.SE3], sides: tuple[InertialParameters, InertialParam
     left, right = (side.com - np.array(pose.translation) for side, pose in zip(sides, poses, strict=True))
     same = np.linalg.norm(left - right) < 0.01 * com
     return f" (both at y = {left[1] * 1000:+.1f} mm from their joints; is a minus missing?)" if same else ""
-
-
-def _leg_points(leg: Leg, poses: list[pin.SE3], foot: FloatArray) -> FloatArray:
-    """Return the (n + 1, 3) joints of a leg and its foot in the base frame [m]."""
-    return np.array([*(poses[joint].translation for joint in leg.joint_ids), foot])
 
 
 def _mirror_points(points: FloatArray, middle: float) -> FloatArray:

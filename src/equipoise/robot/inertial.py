@@ -65,10 +65,7 @@ class InertialParameters:
         Args:
             vector: (10,) parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin, in Pinocchio's order.
         """
-        mass, com = float(vector[0]), vector[1:4] / vector[0]
-        xx, xy, yy, xz, yz, zz = vector[4:]
-        about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        return cls(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
+        return cls.from_pinocchio(pin.Inertia.FromDynamicParameters(vector))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

@@ -64,14 +64,13 @@ def add_legs(
         robot: name of the robot, for messages.
         path: path of its model file, for messages.
     """
-    names = list(model.names)
-    by_leg = name_legs(model, [[names.index(joint) for joint in chain] for chain in chains])
+    by_leg = name_legs(model, chains)
     legs: dict[str, Leg] = {}
     guessing = False
     for leg in LEG_NAMES:
-        ids = by_leg[leg]
-        knee = ids[-1]
-        below = rounds.get(names[knee], [])
+        names = by_leg[leg]
+        ids = tuple(int(model.getJointId(name)) for name in names)
+        knee, below = ids[-1], rounds.get(names[-1], [])
         if leg in description.foot_frames:
             centre, shape = _described_foot(model, knee, leg, description.foot_frames[leg], below, robot)
         else:
@@ -83,8 +82,8 @@ def add_legs(
         frame = pin.Frame(f"equipoise_{leg}_foot", knee, body_id, placement, pin.FrameType.OP_FRAME)
         legs[leg] = Leg(
             name=leg,
-            joint_names=tuple(names[joint] for joint in ids),
-            joint_ids=tuple(ids),
+            joint_names=tuple(names),
+            joint_ids=ids,
             joints=tuple(joint - 2 for joint in ids),
             foot_frame_id=int(model.addFrame(frame)),
             foot_body=str(body.name),

@@ -42,9 +42,7 @@ def coms_outside(robot: RobotModel) -> Iterator[Found]:
 
 def _points_of(model: pin.Model, shapes: pin.GeometryModel, joint: int) -> FloatArray:
     """Return (n, 3) points of a joint's link in its frame [m]: joints, frames, and corners of boxes around its shapes."""
-    below = [
-        model.jointPlacements[other].translation for other in range(2, model.njoints) if model.parents[other] == joint
-    ]
+    below = [model.jointPlacements[other].translation for other in model.children[joint]]
     frames = [frame.placement.translation for frame in model.frames if frame.parentJoint == joint]
     corners: list[FloatArray] = []
     for shape in shapes.geometryObjects:

@@ -96,13 +96,10 @@ def leg_chains(model: pin.Model, source: ModelSource) -> list[list[str]]:
 
     A chain runs from a leaf joint up to the last joint above which the tree branches.
     """
-    children: dict[int, list[int]] = {joint: [] for joint in range(model.njoints)}
-    for joint in range(2, model.njoints):
-        children[model.parents[joint]].append(joint)
     chains: list[list[int]] = []
-    for leaf in (joint for joint in range(2, model.njoints) if not children[joint]):
+    for leaf in (joint for joint in range(2, model.njoints) if not model.children[joint]):
         chain = [leaf]
-        while (parent := model.parents[chain[0]]) > 1 and len(children[parent]) == 1:
+        while (parent := model.parents[chain[0]]) > 1 and len(model.children[parent]) == 1:
             chain.insert(0, parent)
         chains.append(chain)
     by_length: dict[int, list[list[int]]] = {}
@@ -284,9 +281,9 @@ def hips_of(model: pin.Model, chains: list[list[str]]) -> FloatArray:
     return np.array([np.array(data.oMi[model.getJointId(chain[-2])].translation) for chain in chains])
 
 
-def name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]:
+def name_legs(model: pin.Model, chains: list[list[str]]) -> dict[str, list[str]]:
     """Return the chains by leg name, from the places of the hips: x forward, y left in the base frame."""
-    hips = hips_of(model, [[str(model.names[joint]) for joint in chain] for chain in chains])
+    hips = hips_of(model, chains)
     named = dict(zip(legs_by_place(hips), chains, strict=True))
     if len(named) != 4:
         positions = "; ".join(f"({x:.3f}, {y:.3f}, {z:.3f})" for x, y, z in hips)
