@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from equipoise.guard.sample_filter import SampleCounts
 
 if TYPE_CHECKING:
-    from equipoise.drivers.hardware import HardwarePlatform
     from equipoise.platform.platform import RobotState
 
 
@@ -59,15 +58,3 @@ class GuardReport:
             self.hottest_motor = max(self.hottest_motor or -np.inf, float(state.health.motor_temperature.max()))
         if state.health.battery_voltage is not None:
             self.lowest_voltage = min(self.lowest_voltage or np.inf, state.health.battery_voltage)
-
-    def with_end(
-        self, hardware: HardwarePlatform | None, largest_tilt: float, ending: tuple[str, ...], trouble: str
-    ) -> GuardReport:
-        """Return a copy with the end of the run; `hardware` is None in simulation."""
-        report = replace(self, samples=replace(self.samples), largest_tilt=largest_tilt, ending=ending, trouble=trouble)
-        report.unchecked = hardware is not None and hardware.unchecked
-        if hardware is not None and hardware.lateness:
-            report.late_999, report.work = float(np.quantile(hardware.lateness, 0.999)), float(np.median(hardware.work))
-            report.latest = max(hardware.lateness)
-            report.overruns, report.stalls = hardware.overruns, hardware.stalls
-        return report

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -386,7 +386,14 @@ class RobotLoop:
         self.over = True
 
     def report(self) -> GuardReport:
-        """Return the report of the run so far."""
-        done = () if self.ending is None else tuple(self.ending.done)
-        trouble = "" if self.trouble is None else str(self.trouble)
-        return self._report.with_end(self._hardware, self._tilt_filter.largest, done, trouble)
+        """Return a copy of the report of the run so far."""
+        report, hardware = replace(self._report, samples=replace(self._report.samples)), self._hardware
+        report.largest_tilt = self._tilt_filter.largest
+        report.ending = () if self.ending is None else tuple(self.ending.done)
+        report.trouble = "" if self.trouble is None else str(self.trouble)
+        report.unchecked = hardware is not None and hardware.unchecked
+        if hardware is not None and hardware.lateness:
+            report.late_999, report.work = float(np.quantile(hardware.lateness, 0.999)), float(np.median(hardware.work))
+            report.latest = max(hardware.lateness)
+            report.overruns, report.stalls = hardware.overruns, hardware.stalls
+        return report

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.platform.platform import RobotState
-
-Vector = tuple[float, float, float]
+from equipoise.robot.floor import Vector
 
 _TIME = 0.5  # [s] with which the accelerometer corrects the gyroscope
 _GRAVITY_TOLERANCE = 2.5  # [m/s2]; readings beyond it contain other accelerations
@@ -45,11 +44,7 @@ class TiltFilter:
             x, y, z = _turned(self._up, sample.angular_velocity_in_imu.tolist(), step)
             if plausible:
                 share = step / _TIME
-                x, y, z = (
-                    x + share * (ax / size - x),
-                    y + share * (ay / size - y),
-                    z + share * (az / size - z),
-                )
+                x, y, z = (x + share * (ax / size - x), y + share * (ay / size - y), z + share * (az / size - z))
         length = max(math.hypot(x, y, z), 1e-9)
         self._up = x, y, z = x / length, y / length, z / length
         self._time = sample.time
