@@ -10,8 +10,8 @@ import numpy as np
 
 from equipoise.errors import CommunicationError
 from equipoise.platform.platform import Health, JointCommand, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.platform.stepping import play_by_stepping
-from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
 from equipoise.simulation.mujoco import MujocoPlatform
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from equipoise.platform.platform import Platform, TiltLimit, Trajectory
-from equipoise.platform.wrapper import PlatformWrapper
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.robot.model import LEG_NAMES
 
 EXCHANGES = {

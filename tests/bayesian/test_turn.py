@@ -28,7 +28,7 @@ from equipoise.experiments.stand import stand_up
 from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import TURNS
 from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
-from equipoise.platform.wrapper import PlatformWrapper
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.recording.trials import DesignedLift, TurnTrial, read_trial
 from equipoise.robot.inertial import composite_parameters
 from equipoise.simulation.drawn_errors import DrawnErrors

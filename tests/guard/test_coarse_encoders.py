@@ -12,8 +12,8 @@ from equipoise.errors import MotionError, RecordingError
 from equipoise.estimator.diagnostics.screening import screen_log
 from equipoise.guard.sample_filter import SampleFilter
 from equipoise.platform.platform import RobotState
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.platform.stepping import play_by_stepping
-from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
 
 STEPS = [0.8e-3, 1.0e-3, 1.5e-3, 3.0e-3, 6.1e-3]  # [rad]: 13 to 10 bits

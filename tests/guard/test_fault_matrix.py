@@ -30,8 +30,8 @@ from equipoise.guard.limits import Limits
 from equipoise.motors.method import Motors
 from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import Trajectory
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.platform.stepping import play_by_stepping
-from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.run_log_reader import read_log
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_jacobians

@@ -13,7 +13,7 @@ from equipoise.errors import RecordingError
 from equipoise.motors.method import Motors
 from equipoise.platform.logged_platform import Logged
 from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
-from equipoise.platform.wrapper import PlatformWrapper
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.recording.recording import PHASE, TRIAL
 from equipoise.recording.run_log_reader import LogContent
 

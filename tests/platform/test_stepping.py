@@ -11,8 +11,8 @@ from equipoise import ComSearchSettings, ExcitationSettings, PaperMethod, RunFol
 from equipoise.guard.guard import Guard
 from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import Trajectory
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.platform.stepping import Recorder, play_by_stepping
-from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
 
 

@@ -10,8 +10,8 @@ from equipoise import nominal_stance, simulate
 from equipoise.bayesian.lift_design import LiftDesign
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.experiments.stand import stand_up
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.platform.stepping import play_by_stepping
-from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import JointStream, Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.posture import BodyPosture

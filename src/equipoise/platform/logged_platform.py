@@ -7,8 +7,8 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.platform.stepping import recording_of
-from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
 from equipoise.recording.run_log import RunLog
 

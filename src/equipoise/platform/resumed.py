@@ -13,7 +13,7 @@ import numpy as np
 from equipoise.errors import RecordingError
 from equipoise.platform.platform import Platform, TiltLimit, Trajectory
 from equipoise.platform.ramp import smooth_step
-from equipoise.platform.wrapper import PlatformWrapper
+from equipoise.platform.stepped import PlatformWrapper
 from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording

@@ -1,11 +1,11 @@
-"""Base class for platforms of your own robots."""
+"""Base class for platforms of your own robots, and of platforms around another one."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from typing import TypeVar
 
-from equipoise.platform.platform import JointCommand, RobotState, TiltLimit, Trajectory
+from equipoise.platform.platform import JointCommand, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
@@ -54,3 +54,23 @@ class SteppedPlatform(ABC):
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+class PlatformWrapper(SteppedPlatform):
+    """Platform that forwards all calls to an inner platform; subclasses add behaviour."""
+
+    def __init__(self, inner: Platform) -> None:
+        self._inner = inner
+        self.control_period, self.joint_names, self.accepts = inner.control_period, inner.joint_names, inner.accepts
+
+    def read(self) -> RobotState:
+        return self._inner.read()
+
+    def step(self, command: JointCommand) -> RobotState:
+        return self._inner.step(command)
+
+    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        return self._inner.play(trajectory, stop)
+
+    def close(self) -> None:
+        self._inner.close()
