@@ -57,7 +57,6 @@ class Plan:
         visits: postures with their lifts, in order.
         robot_time: expected robot time of search, if it is still to come, visits, return to the stance and excitation [s].
         std: (10,) predicted posterior standard deviations of the whole robot, in the order of COMPONENTS.
-        prior_std: (10,) standard deviations of these before any motion, from the priors and an assumed scale reading.
         body: (10,) assumed parameters of the whole robot, in the order of COMPONENTS.
         left_out: postures and lifts that the robot cannot do, with reasons.
         rotate_after: number of visits after which the robot is turned to face the other way; None: not turned.
@@ -71,7 +70,6 @@ class Plan:
     visits: tuple[Visit, ...]
     robot_time: float
     std: FloatArray
-    prior_std: FloatArray
     body: FloatArray
     left_out: tuple[str, ...] = ()
     rotate_after: int | None = None
@@ -174,11 +172,10 @@ def make_plan(
     durations = Durations.of(candidates.predictor.stance)
     mass = candidates.predictor.robot.mass
     _, rows = prior_rows(unknowns, x, (mass, _MASS_STD * mass))
-    prior = rows.T @ rows
     to_body = body_jacobian(unknowns, x, unknowns.robot_body)
     body = components(unknowns.robot_body(x))
     weights = to_body / goals.vector(body, candidates.predictor.stance)[:, None]
-    information = prior.copy() if known is None else known.copy()
+    information = rows.T @ rows if known is None else known.copy()
     left = budget - reserved - durations.end - turn * durations.turn
     if known is None:
         left -= durations.search
@@ -209,10 +206,9 @@ def make_plan(
         )
     everything = np.asarray(np.linalg.inv(information if after is None else information + after), dtype=float)
     covariance = to_body @ everything @ to_body.T
-    before = to_body @ np.linalg.inv(prior) @ to_body.T
     visits = [part.visits for part in parts]
     return Plan(
-        sum(visits, ()), total, np.sqrt(np.diag(covariance)), np.sqrt(np.diag(before)), body,
+        sum(visits, ()), total, np.sqrt(np.diag(covariance)), body,
         tuple(candidates.left_out), len(visits[0]) if turn else None,
         links=link_findings(unknowns, x, everything) if candidates.swings else {}, excitation=reserved > 0,
     )  # fmt: skip
