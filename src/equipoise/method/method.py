@@ -64,7 +64,6 @@ class Method(ABC):
         Returns:
             the comparison that the operator has to confirm, or None.
         """
-        del standing, stance
         return None
 
     @abstractmethod
@@ -118,7 +117,6 @@ class Method(ABC):
         Raises:
             ReachError: a posture is out of reach.
         """
-        del robot, stance
         return ()
 
     def expected_trials(self, stance: Stance) -> int | None:
@@ -140,7 +138,6 @@ class Method(ABC):
             mass: mass of the whole robot [kg].
             std: standard deviation of that mass [kg].
         """
-        del mass, std
         return self
 
     @property
@@ -154,7 +151,6 @@ class Method(ABC):
 
     def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
         """Return the columns of a study's table that are specific to this method, for a result with evidence."""
-        del result, stance
         return {}
 
     def attachments(self) -> Mapping[str, Mapping[str, Any]]:
