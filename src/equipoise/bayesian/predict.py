@@ -11,12 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from equipoise.bayesian.lift_design import (
-    LiftDesign,
-    lift_feet,
-    lift_settings,
-    offset_of,
-)
+from equipoise.bayesian.lift_design import LiftDesign, lift_feet, lift_settings, offset_of
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.estimator.equations.stance_motion import RestReading, StanceMotion
 from equipoise.estimator.measurements.lift_samples import KNOT, REACH, LiftSamples, attitudes

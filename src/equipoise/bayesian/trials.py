@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equipoise.bayesian.lift_design import (
-    LiftDesign,
-    lift_feet,
-    lift_settings,
-    offset_of,
-)
+from equipoise.bayesian.lift_design import LiftDesign, lift_feet, lift_settings, offset_of
 from equipoise.bayesian.safe_lift import initial_covariance, safe_stop
 from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, ReachError

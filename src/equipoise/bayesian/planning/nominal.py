@@ -23,6 +23,7 @@ from equipoise.bayesian.planning.candidates import Candidates
 from equipoise.bayesian.predict import Predictor
 from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.unknowns import Priors
+from equipoise.json_form import from_json
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.posture import BodyPosture
@@ -75,11 +76,8 @@ def _read(empty: Candidates, content: bytes) -> Candidates | None:
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             table: dict[str, Any] = json.loads(str(file["designs"]))
             counts, rows = file["counts"], np.asarray(file["rows"], dtype=float)
-        lifts = [
-            LiftDesign(BodyPosture(**lift["posture"]), lift["diagonal"], lift["side"], lift["turn"], lift["swing"])
-            for lift in table["lifts"]
-        ]
-        postures = [BodyPosture(**posture) for posture in table["postures"]]
+        lifts = [from_json(LiftDesign, lift) for lift in table["lifts"]]
+        postures = [from_json(BodyPosture, posture) for posture in table["postures"]]
         whole = rows.shape == (counts.sum(), empty.unknowns.size) and len(counts) == len(lifts) + len(postures)
         if table["format"] != _FORMAT or not whole or not lifts or not np.isfinite(rows).all():
             return None
