@@ -179,10 +179,6 @@ class ImuPosition(Equation[ExcitationSamples]):
         clock = run.stance.scale.time
         return (ExcitationSamples.of(recording.phase(Phase.EXCITATION), run.gyro_bias, clock),)
 
-    def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, ExcitationSamples]]) -> None:
-        super().__init__(unknowns, samples)
-        self._measured, self._noise = np.zeros((len(samples), 3)), np.ones((len(samples), 3))
-
     @classmethod
     def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> Equation[ExcitationSamples] | None:
         """Return the rows of all samples; None if there are none or the IMU position is fixed."""

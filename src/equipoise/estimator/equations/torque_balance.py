@@ -311,8 +311,6 @@ class TorqueBalance(Equation[TorqueSamples]):
         self._correlation = np.repeat([1.0 if count == 1 else _TORQUE_CORRELATION for count in counts], counts)
         self._owner = np.repeat([index for index, _ in samples], counts)
         self.normalized_residual = 1.0
-        self._matrix, self._target = np.zeros((0, 0)), np.zeros(0)
-        self._row_correlation, self._rows = np.zeros(0), 0
 
     def _rows_in(self, sample: TorqueSamples) -> int:
         return 0  # `prepare` compresses the rows and counts them

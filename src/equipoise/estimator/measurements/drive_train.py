@@ -53,19 +53,14 @@ class JointReadings:
     ) -> JointReadings:  # fmt: skip
         """Collect (n, nj) samples; omitted ones are zero."""
         none = np.zeros_like(position)
-        position, velocity, torque, rate, acceleration = (
-            np.ascontiguousarray((none if part is None else part).T)
-            for part in (position, velocity, torque, torque_rate, acceleration)
-        )
-        small = _BACKLASH_ARM * float(legs.mass.sum()) * GRAVITY
-        return cls(legs.by_kind, position, velocity, torque, rate, acceleration, small)
+        given = (position, velocity, torque, torque_rate, acceleration)
+        parts = (np.ascontiguousarray((none if part is None else part).T) for part in given)
+        return cls(legs.by_kind, *parts, small=_BACKLASH_ARM * float(legs.mass.sum()) * GRAVITY)
 
     def at(self, places: NDArray[np.intp]) -> JointReadings:
         """Select samples by index."""
-        position, velocity, torque, rate, acceleration = (
-            part[:, places] for part in (self.position, self.velocity, self.torque, self.torque_rate, self.acceleration)
-        )
-        return JointReadings(self.by_kind, position, velocity, torque, rate, acceleration, self.small)
+        readings = (self.position, self.velocity, self.torque, self.torque_rate, self.acceleration)
+        return JointReadings(self.by_kind, *(part[:, places] for part in readings), small=self.small)
 
     def later(self, values: TracedValues) -> tuple[Traced, Traced]:
         """Return `link_position` and `link_velocity` at the times of the IMU's samples, which are later."""

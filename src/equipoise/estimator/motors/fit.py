@@ -270,16 +270,7 @@ def _fit(problem: SwingProblem) -> MotorFit:
         correlation = shared / float(np.sqrt(viscous_friction @ covariance @ viscous_friction * covariance[-1, -1]))
     spread = flat @ covariance @ flat.T
     spread[np.diag_indices_from(spread)] += _error_variances(problem, model_error, values).ravel()
-    return MotorFit(
-        values,
-        spread,
-        delay,
-        correlation,
-        residual_level,
-        model_error,
-        repetition,
-        problem,
-    )
+    return MotorFit(values, spread, delay, correlation, residual_level, model_error, repetition, problem)
 
 
 def _model_error(samples: MotorSamples, residual_level: FloatArray) -> FloatArray:
