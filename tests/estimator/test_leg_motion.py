@@ -7,6 +7,7 @@ import pytest
 from robots import load_text
 
 from equipoise.estimator.measurements.leg_motion import LegChains, cross, cross_matrix
+from equipoise.estimator.measurements.traced import Traced
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import LEG_NAMES
 
@@ -38,18 +39,26 @@ def pinocchio_at(robot, position, velocity, turning):
     return data
 
 
+def links_of(legs, *states):
+    """Return the (n, 4, k, 3) CoMs [m] of all links, their velocities [m/s] and angular momenta about them [kg m2/s]."""
+    position, velocity, turning = (Traced(np.ascontiguousarray(part.T)) for part in states)
+    posture = legs.traced_posture(position)
+    moving = legs.traced_motion(posture, velocity, turning)
+    return posture.com.value.T, moving.com_velocity.value.T, moving.spin.value.T
+
+
 def test_links_match_pinocchio(robot, states):
-    motion = LegChains(robot).motion(*states)
+    com, com_velocity, spin = links_of(LegChains(robot), *states)
     for sample, state in enumerate(zip(*states, strict=True)):
         data = pinocchio_at(robot, *state)
         for number, name in enumerate(LEG_NAMES):
             for link, joint in enumerate(robot.legs[name].joint_ids):
                 place, body, speed = data.oMi[joint], robot.pinocchio.inertias[joint], data.v[joint]
                 here = (sample, number, link)
-                np.testing.assert_allclose(motion.com[here], place.act(body.lever), **CLOSE)
+                np.testing.assert_allclose(com[here], place.act(body.lever), **CLOSE)
                 moving = place.rotation @ (speed.linear + np.cross(speed.angular, body.lever))
-                np.testing.assert_allclose(motion.com_velocity[here], moving, **CLOSE)
-                np.testing.assert_allclose(motion.spin[here], place.rotation @ body.inertia @ speed.angular, **CLOSE)
+                np.testing.assert_allclose(com_velocity[here], moving, **CLOSE)
+                np.testing.assert_allclose(spin[here], place.rotation @ body.inertia @ speed.angular, **CLOSE)
 
 
 def test_feet_match_pinocchio(robot, states):
@@ -66,16 +75,16 @@ def test_feet_match_pinocchio(robot, states):
 
 def test_momenta_of_base_and_links_add_up(robot, states):
     legs = LegChains(robot)
-    motion = legs.motion(*states)
+    com, com_velocity, spin = links_of(legs, *states)
     base = robot.pinocchio.inertias[1]
     for sample, state in enumerate(zip(*states, strict=True)):
         data = pinocchio_at(robot, *state)
         turning = state[2]
         base_linear = base.mass * np.cross(turning, base.lever)
-        momenta = legs.mass[..., None] * motion.com_velocity[sample]
+        momenta = legs.mass[..., None] * com_velocity[sample]
         np.testing.assert_allclose(base_linear + momenta.sum(axis=(0, 1)), data.hg.linear, **CLOSE)
         about_com = base.inertia @ turning + np.cross(base.lever - data.com[0], base_linear)
-        about_com += (motion.spin[sample] + np.cross(motion.com[sample] - data.com[0], momenta)).sum(axis=(0, 1))
+        about_com += (spin[sample] + np.cross(com[sample] - data.com[0], momenta)).sum(axis=(0, 1))
         np.testing.assert_allclose(about_com, data.hg.angular, **CLOSE)
 
 
@@ -83,8 +92,9 @@ def test_velocities_match_differences(robot, states):
     position, velocity, _ = states
     legs, none, dt = LegChains(robot), np.zeros((len(position), 3)), 1e-6
     ahead, behind = (legs.motion(position + s * dt * velocity, velocity, none) for s in (1, -1))
-    here = legs.motion(position, velocity, none)
-    np.testing.assert_allclose(here.com_velocity, (ahead.com - behind.com) / (2 * dt), atol=1e-7)
+    (com_ahead, *_), (com_behind, *_) = (links_of(legs, position + s * dt * velocity, velocity, none) for s in (1, -1))
+    here, (_, com_velocity, _) = legs.motion(position, velocity, none), links_of(legs, position, velocity, none)
+    np.testing.assert_allclose(com_velocity, (com_ahead - com_behind) / (2 * dt), atol=1e-7)
     np.testing.assert_allclose(here.foot_velocity, (ahead.foot - behind.foot) / (2 * dt), atol=1e-7)
 
 

@@ -29,20 +29,14 @@ _PARALLEL = 1e-6  # sine of the angle to an axis below which a direction counts 
 
 @dataclass(frozen=True, eq=False)
 class LegMotion:
-    """Motion of links and feet in n samples, in base axes. Velocities are relative to the base's origin.
+    """Motion of the feet in n samples, in base axes. Velocities are relative to the base's origin.
 
     Attributes:
-        com: (n, 4, k, 3) CoM of each of the k links of each leg, in the base frame [m].
-        com_velocity: (n, 4, k, 3) velocity of each link's CoM, in base axes [m/s].
-        spin: (n, 4, k, 3) angular momentum of each link about its own CoM, in base axes [kg m2/s].
         foot: (n, 4, 3) centres of the feet, in the base frame [m].
         foot_velocity: (n, 4, 3) velocity of the feet's centres, in base axes [m/s].
         foot_angular_velocity: (n, 4, 3) angular velocity of the links below the knees, in base axes [rad/s].
     """
 
-    com: FloatArray
-    com_velocity: FloatArray
-    spin: FloatArray
     foot: FloatArray
     foot_velocity: FloatArray
     foot_angular_velocity: FloatArray
@@ -71,9 +65,13 @@ class TracedPosture:
 
 @dataclass(frozen=True, eq=False)
 class TracedLegMotion:
-    """Leg motion in an equation, as in `LegMotion`: (3, k, 4, n) for links, (3, 4, n) for feet.
+    """Leg motion in an equation, in base axes; velocities are relative to the base's origin.
 
     Attributes:
+        com_velocity: (3, k, 4, n) velocity of each link's CoM [m/s].
+        spin: (3, k, 4, n) angular momentum of each link about its own CoM [kg m2/s].
+        angular_velocity: (3, k, 4, n) angular velocity of each link [rad/s].
+        foot_velocity, foot_angular_velocity: (3, 4, n) as in `LegMotion`.
         bending: (3, n) sum of the angular velocities of all links relative to the ones above them [rad/s].
     """
 
@@ -183,7 +181,7 @@ class LegChains:
     def motion(
         self, joint_position: FloatArray, joint_velocity: FloatArray, angular_velocity_in_base: FloatArray
     ) -> LegMotion:
-        """Compute the motion of links and feet in n samples, by the recursion of velocities along each leg.
+        """Compute the motion of the feet in n samples, by the recursion of velocities along each leg.
 
         Args:
             joint_position: (n, nj) joint positions [rad].
@@ -195,10 +193,8 @@ class LegChains:
         )
         posture = self.traced_posture(position)
         moving = self.traced_motion(posture, velocity, turning)
-        return LegMotion(
-            posture.com.value.T, moving.com_velocity.value.T, moving.spin.value.T,
-            posture.foot.value.T, moving.foot_velocity.value.T, moving.foot_angular_velocity.value.T,
-        )  # fmt: skip
+        velocities = moving.foot_velocity, moving.foot_angular_velocity
+        return LegMotion(posture.foot.value.T, *(part.value.T for part in velocities))
 
     def traced_posture(self, joint_position: Traced, shape: LegShape | None = None) -> TracedPosture:
         """Return the leg postures at (nj, n) joint positions; by default with the model's shape."""
