@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from equipoise import nominal_stance
-from equipoise.bayesian.lift_design import LiftDesign, lift_feet, lift_settings, turned_feet
+from equipoise.bayesian.lift_design import LiftDesign, lift_feet, lift_settings
 from equipoise.experiments.posture import feet_in_posture
 from equipoise.guard.footing import feet_are_lifted, look_at_feet
 from equipoise.robot.inertial import composite_parameters
@@ -63,5 +63,6 @@ def test_feet_stay_up_while_the_body_turns_over_two(a1):
     stance = nominal_stance(a1)
     com = composite_parameters(a1, stance.joint_position).com
     _, raised = lift_feet(stance, com, LiftDesign(LEVEL, "FL_RR", 1), lift_settings(stance).height)
-    turned = inverse_kinematics(a1, turned_feet(raised, com, "roll", 0.05), stance.joint_position)
+    rolled = LiftDesign(LEVEL, "FL_RR", 1, turn="roll").feet(raised, com, 0.05)
+    turned = inverse_kinematics(a1, rolled, stance.joint_position)
     assert feet_are_lifted(a1, stance, turned)

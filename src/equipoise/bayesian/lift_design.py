@@ -76,7 +76,7 @@ class LiftDesign:
     def feet(self, lifted: FloatArray, com: FloatArray, amount: float) -> FloatArray:
         """Return the (4, 3) feet in the base frame [m] at a displacement, from those of a passive lift."""
         if self.turn is not None:
-            return turned_feet(lifted, com, self.turn, amount)
+            return (lifted - com) @ np.array(pin.exp3(_AXES[self.turn] * amount)) + com
         feet = lifted.copy()
         if self.swing is not None:
             in_air = [leg not in DIAGONALS[self.diagonal] for leg in LEG_NAMES]
@@ -123,11 +123,6 @@ def lift_feet(
     in_air = [leg not in DIAGONALS[design.diagonal] for leg in LEG_NAMES]
     lifted[in_air] += height * design.posture.rotation[2]
     return feet, lifted
-
-
-def turned_feet(feet: FloatArray, com: FloatArray, turn: Axis, angle: float) -> FloatArray:
-    """Return the feet in the base frame after a rotation of the body about its CoM."""
-    return (feet - com) @ np.array(pin.exp3(_AXES[turn] * angle)) + com
 
 
 class LiftChecks:
