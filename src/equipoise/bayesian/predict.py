@@ -31,26 +31,8 @@ _IN_AIR_AFTER = 0.4  # fraction of the lift time after which the feet are off th
 _STEP = 0.020  # [s] on an A1; half the sampling rate of the estimator gives the same information
 
 
-@dataclass(frozen=True, eq=False)
-class _OnTwoFeet:
-    """State of a robot with two feet up, before it tips or rotates.
-
-    Attributes:
-        feet: (4, 3) feet in the base frame [m].
-        position: (nj,) joint positions [rad].
-        inverse_jacobians: (4, n, 3) derivatives of each leg's joints with respect to its foot [rad/m].
-        left: (3,) direction of the line, in base axes.
-        height: height of the CoM over the line [m].
-        about_com, about_line: moments of inertia about that direction, through the CoM and through the line [kg m2].
-    """
-
-    feet: FloatArray
-    position: FloatArray
-    inverse_jacobians: FloatArray
-    left: FloatArray
-    height: float
-    about_com: float
-    about_line: float
+_OnTwoFeet = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]
+"""Feet, joint positions, inverse Jacobians, line, height of the CoM, and moments of inertia, as from `Predictor._stands`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +50,7 @@ class Predictor:
     stance: Stance
     com: FloatArray
     heading: float = 0.0
-    _stood: dict[LiftDesign, _OnTwoFeet] = field(default_factory=dict[LiftDesign, "_OnTwoFeet"], init=False)
+    _stood: dict[LiftDesign, _OnTwoFeet] = field(default_factory=dict[LiftDesign, _OnTwoFeet], init=False)
     _rested: dict[BodyPosture, RestReading] = field(default_factory=dict[BodyPosture, RestReading], init=False)
 
     @cached_property
@@ -89,8 +71,7 @@ class Predictor:
         settings = lift_settings(stance)
         time, velocity_noise, angular_velocity_noise, acceleration_noise = self._noise
         stands = self._stands(replace(design, turn=None, swing=None))
-        lifted, position, left = stands.feet, stands.position, stands.left
-        height, about_com, about_line = stands.height, stands.about_com, stands.about_line
+        lifted, position, inverse_jacobians, left, height, about_com, about_line = stands
         rate = np.sqrt(robot.mass * GRAVITY * height / about_line)
         distance = offset_of(stance, -design.side) / height + 0.004 * (design.side == 0)
         tilt = distance * (np.cosh(rate * (time + _IN_AIR_AFTER * settings.lift_time)) - 1)
@@ -111,7 +92,7 @@ class Predictor:
         step = 1e-3
         moved = (design.feet(lifted, self.com, step) - lifted) / step
         per_amount = np.zeros(len(position))
-        per_amount[robot.leg_joints] = np.einsum("lji,li->lj", stands.inverse_jacobians, moved)
+        per_amount[robot.leg_joints] = np.einsum("lji,li->lj", inverse_jacobians, moved)
         mounting = np.array(robot.imu_in_base.rotation)
         in_imu = angular_velocity_in_base @ mounting
         path = attitudes(time, in_imu)
@@ -134,7 +115,13 @@ class Predictor:
         )
 
     def _stands(self, design: LiftDesign) -> _OnTwoFeet:
-        """Return the state on two feet, which does not depend on turn and swing."""
+        """Return the state on two feet before the robot tips or rotates, which does not depend on turn and swing.
+
+        Returns:
+            (4, 3) feet in the base frame [m]; (nj,) joint positions [rad]; (4, n, 3) derivatives of each leg's joints with
+            respect to its foot [rad/m]; (3,) direction of the line, in base axes; height of the CoM over the line [m]; moments
+            of inertia about that direction, through the CoM and through the line [kg m2].
+        """
         if design not in self._stood:
             robot, stance = self.robot, self.stance
             _, feet = lift_feet(stance, self.com, design, lift_settings(stance).height)
@@ -146,7 +133,7 @@ class Predictor:
             about_com = float(left @ composite_parameters(robot, position).inertia @ left)
             about_line = about_com + robot.mass * height**2
             inverse = np.asarray(np.linalg.pinv(foot_jacobians(robot, position)), dtype=float)
-            self._stood[design] = _OnTwoFeet(feet, position, inverse, left, height, about_com, about_line)
+            self._stood[design] = feet, position, inverse, left, height, about_com, about_line
         return self._stood[design]
 
     def move(self, before: BodyPosture, after: BodyPosture) -> StanceMotion:

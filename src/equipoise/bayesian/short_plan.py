@@ -32,11 +32,6 @@ _OPENING = 3  # stance motions
 _FEWEST_LIFTS = 2
 
 
-def com_goals(goals: Goals) -> Goals:
-    """Return the goals with those of the CoM alone."""
-    return replace(goals, mass=math.inf, inertia=math.inf, products=math.inf)
-
-
 def short_plan(robot: RobotModel, stance: Stance, settings: BayesianSettings, prior_run: PriorRun) -> Plan:
     """Plan the trials of a robot whose load equals its model's.
 
@@ -69,7 +64,8 @@ def plan_after_search(candidates: Candidates, left: float, goals: Goals, informa
 
     Stance motions come first: they need replanted feet, as after the search, and every lift would require that again.
     """
-    plan = make_plan(candidates, left, com_goals(goals), information)
+    of_com = replace(goals, mass=math.inf, inertia=math.inf, products=math.inf)
+    plan = make_plan(candidates, left, of_com, information)
     return replace(plan, visits=tuple(sorted(plan.visits, key=lambda visit: len(visit.lifts) > 0)))
 
 
