@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise import nominal_stance
 from equipoise.bayesian.predict import Predictor
+from equipoise.estimator.equations.equation import RunContext
 from equipoise.estimator.equations.stance_motion import RestReading, StanceMotions, read_move
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.parameters import Unknowns
@@ -111,7 +112,8 @@ def test_foot_rolling_is_subtracted(robot, moves):
 def test_the_feet_of_a_simulated_move_stay_after_rolling_correction(a1, ideal_motions):
     recording = ideal_motions.move
     moving = recording.phase("move", until="rest")
-    move = read_move(a1, LegChains(a1), recording.phase("before"), moving, recording.phase("rest"), np.zeros(3))
+    run = RunContext(a1, nominal_stance(a1), LegChains(a1), np.zeros(3), 0.0, 0.0)
+    move = read_move(run, recording.phase("before"), moving, recording.phase("rest"))
     displacements, heights = residuals(rows_of(a1, [move]), model_values(a1))
     sliding, _ = residuals(rows_of(a1, [replace(move, rolled=np.zeros((4, 3)))]), model_values(a1))
     stay, slide = np.abs(displacements).max(), np.abs(sliding).max()

@@ -84,11 +84,10 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> Check:
     _check_gyroscope(recordings)
     if len(rests) >= _FEWEST_RESTS:
         _check_floor(robot, position, acceleration)
-    torques = [None if rest.joints.torque is None else rest.joints.torque.mean(axis=0) for rest in rests]
-    with_torque = np.array([torque is not None for torque in torques])
+    with_torque = np.array([rest.joints.torque is not None for rest in rests])
     if with_torque.any():
-        measured = np.array([torque for torque in torques if torque is not None])
-        _check_torques(robot, position[with_torque], measured, acceleration[with_torque])
+        measured = [rest.joints.torque.mean(axis=0) for rest in rests if rest.joints.torque is not None]
+        _check_torques(robot, position[with_torque], np.array(measured), acceleration[with_torque])
     return velocities
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -106,19 +106,16 @@ class StanceMotion:
     heading: float = 0.0
 
 
-def read_move(
-    robot: RobotModel, legs: LegChains, before: Recording, moving: Recording, after: Recording, gyro_bias: FloatArray
-) -> StanceMotion:
+def read_move(run: RunContext, before: Recording, moving: Recording, after: Recording) -> StanceMotion:
     """Read a stance motion from three successive recordings: a rest, the motion and another rest."""
-    rotation = np.array(robot.imu_in_base.rotation)
-    attitude = attitudes(moving.imu.time, moving.imu.angular_velocity_in_imu - gyro_bias)
-    first, last = RestReading.of(robot, before), RestReading.of(robot, after)
+    legs, rotation = run.legs, np.array(run.robot.imu_in_base.rotation)
+    gyro = moving.imu.angular_velocity_in_imu - run.gyro_bias
+    attitude = attitudes(moving.imu.time, gyro)
+    first, last = RestReading.of(run.robot, before), RestReading.of(run.robot, after)
     up = attitude.inv().apply(first.acceleration_in_imu / np.linalg.norm(first.acceleration_in_imu)) @ rotation.T
     joints = moving.joints
     up = at_times(joints.time, moving.imu.time, up)
-    angular_velocity_in_base = at_times(
-        joints.time, moving.imu.time, (moving.imu.angular_velocity_in_imu - gyro_bias) @ rotation.T
-    )
+    angular_velocity_in_base = at_times(joints.time, moving.imu.time, gyro @ rotation.T)
     foot = legs.motion(joints.position, joints.rates, angular_velocity_in_base).foot_angular_velocity[:, None]
     ball = legs.foot_radius[:, None] * up[:, None, None]
     to_centre = np.concatenate(
@@ -129,7 +126,7 @@ def read_move(
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
     rolled = np.trapezoid(np.einsum("nij,nklj->nkli", to_before, rolling), joints.time, axis=0)
     duration = float(moving.imu.time[-1] - moving.imu.time[0])
-    return StanceMotion(first, last, attitude.as_matrix()[-1], rolled[0], rolled[1:], duration)
+    return StanceMotion(first, last, attitude.as_matrix()[-1], rolled[0], rolled[1:], duration, run.when, run.heading)
 
 
 def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
@@ -184,7 +181,7 @@ class StanceMotions(MotionEquation[StanceMotion]):
             recording.phase(Phase.MOVE, until=Phase.REST),
             recording.phase(Phase.REST),
         )
-        return (replace(read_move(run.robot, run.legs, *parts, run.gyro_bias), when=run.when, heading=run.heading),)
+        return (read_move(run, *parts),)
 
     def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, StanceMotion]]) -> None:
         super().__init__(unknowns, samples)
