@@ -28,8 +28,6 @@ from equipoise.lab.study.rows import SUCCEEDED, Table, column, having, texts
 from equipoise.lab.study.study import Study
 from equipoise.lab.study.study_statistics import LEVELS, WITHIN, MethodSummary, Slope, planar_errors
 from equipoise.lab.study.summary import (
-    coverage_text,
-    error_numbers,
     rate_text,
     slope_numbers,
     source_label,
@@ -53,37 +51,25 @@ def method_blocks(summary: MethodSummary) -> list[Block]:
     if not summary.errors:
         return blocks
     levels = [level for level in LEVELS if any(error.coverage for error in summary.errors)]
-    rows = [
-        [
-            error.quantity,
-            error.unit,
-            str(error.count),
-            *error_numbers(error),
-            *(coverage_text(error, one) for one in levels),
-        ]
-        for error in summary.errors
-    ]
-    heads = [
-        "quantity",
-        "unit",
-        "|n",
-        "|bias",
-        "|RMS",
-        "|95th percentile",
-        *(f"in the {one} % interval" for one in levels),
-    ]
+    rows: list[list[str]] = []
+    for error in summary.errors:
+        largest = f"{error.percentile_95:.2f}" if np.isfinite(error.percentile_95) else "more than 5 % failed"
+        covered = [rate_text(error.coverage[one]) if one in error.coverage else "" for one in levels]
+        numbers = [str(error.count), f"{error.bias:+.2f}", f"{error.rms:.2f}", largest]
+        rows.append([error.quantity, error.unit, *numbers, *covered])
+    heads = ["quantity", "unit", "|n", "|bias", "|RMS", "|95th percentile"]
+    heads += [f"in the {one} % interval" for one in levels]
     failed = sum(summary.failures.values())
     note = f"Bias and RMS exclude failed calibrations; the 95th percentile counts the {failed} failed ones as larger."
     return [*blocks, DataTable("", heads, rows), *([note] if failed else [])]
 
 
-def slope_table(slopes: Sequence[Slope], method: str) -> DataTable:
+def _slope_table(slopes: Sequence[Slope]) -> DataTable:
     """Return the slope of the RMS error for each source."""
     rows: list[list[str]] = []
     for slope in slopes:
-        if slope.method == method:
-            value, std, unit = slope_numbers(slope)
-            rows.append([source_label(slope.source), f"{value:.3g}", f"{std:.2g}", unit])
+        value, std, unit = slope_numbers(slope)
+        rows.append([source_label(slope.source), f"{value:.3g}", f"{std:.2g}", unit])
     title = "RMS planar error = slope x size of the source; independent sources add in squares."
     return DataTable(title, ["source", "|slope", "|standard error", "unit"], rows)
 
@@ -95,8 +81,8 @@ def study_page(study: Study, rows: Table, summaries: Sequence[MethodSummary], sl
         covered = [_coverage(summary)] if any(error.coverage for error in summary.errors) else []
         sections[summary.method] = [*method_blocks(summary), *covered]
     for method in dict.fromkeys(slope.method for slope in slopes):
-        figures = [_slope(rows, slope) for slope in slopes if slope.method == method]
-        sections[f"{method}: planar error by source"] = [slope_table(slopes, method), *figures]
+        found = [slope for slope in slopes if slope.method == method]
+        sections[f"{method}: planar error by source"] = [_slope_table(found), *(_slope(rows, slope) for slope in found)]
     title = f"Monte Carlo study of {study.robot}"
     return PageContents(title, "", _conditions(study, summaries), [_distribution(rows, summaries)], sections)
 
@@ -172,14 +158,9 @@ def line_in_squares(size: FloatArray, errors: FloatArray, floor: float, slope: f
     sizes = np.linspace(0, float(size.max()), 51)
     rms = [float(np.sqrt(np.mean(errors[part] ** 2))) for part in parts]
     means = [float(size[part].mean()) for part in parts]
+    label = f"root of ({floor:.1f}\u00b2 + ({slope:.2f} x size)\u00b2)"
     return [
         points(size, short(errors), "one robot", {"color": MUTED, "size": 3, "opacity": 0.5}),
         points(means, short(rms), "RMS of a sixth of them", {"color": SERIES[1], "size": 8}),
-        line(
-            sizes,
-            np.hypot(floor, slope * sizes),
-            f"root of ({floor:.1f}\u00b2 + ({slope:.2f} x size)\u00b2)",
-            0,
-            line={"color": INK, "width": 1.2},
-        ),
+        line(sizes, np.hypot(floor, slope * sizes), label, 0, line={"color": INK, "width": 1.2}),
     ]

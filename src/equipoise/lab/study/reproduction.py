@@ -16,7 +16,6 @@ from equipoise.lab.study.rows import SUCCEEDED, Table, having
 from equipoise.lab.study.runner import StudyProgress, run_study
 from equipoise.lab.study.study import Study
 from equipoise.lab.study.study_statistics import MethodSummary, planar_errors, summarize
-from equipoise.method.method import Method
 from equipoise.paper.method import PaperMethod
 from equipoise.paper.settings import ComSearchSettings
 from equipoise.robot.catalog import BUILT_IN_ROBOT, load_robot
@@ -101,7 +100,7 @@ def _table() -> tuple[TableRow, ...]:
     robot = load_robot(BUILT_IN_ROBOT)
     rows: list[TableRow] = []
     for noise in ("ideal", "realistic"):
-        for index, method in enumerate(_TABLE_METHODS):
+        for index, method in enumerate((PaperMethod(), BayesianMethod())):
             with warnings.catch_warnings(), simulate(robot, noise, seed=SEED) as simulation:
                 warnings.simplefilter("ignore")
                 result = calibrate(simulation.platform, robot, method)
@@ -114,9 +113,6 @@ def _table() -> tuple[TableRow, ...]:
             com = result.composite.com_in_base
             rows.append((method.name, noise, (*moments, com.x.value, com.y.value)))
     return tuple(rows)
-
-
-_TABLE_METHODS: tuple[Method, ...] = (PaperMethod(), BayesianMethod())
 
 
 def _iterations(rows: Table) -> FloatArray:

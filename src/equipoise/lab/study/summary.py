@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from equipoise.json_form import to_json
 from equipoise.lab.study.study import Study
-from equipoise.lab.study.study_statistics import ErrorStatistics, MethodSummary, Rate, Slope
+from equipoise.lab.study.study_statistics import MethodSummary, Rate, Slope
 from equipoise.simulation.effects import EffectSizes
 from equipoise.user_file import write_file
 
@@ -48,17 +47,6 @@ def summary_table(study: Study, summaries: Sequence[MethodSummary], slopes: Sequ
     """Return the JSON form of a study's summary."""
     table = {"schema": SCHEMA, "study": study.to_dict(), "methods": to_json(summaries), "slopes": to_json(slopes)}
     return json.loads(json.dumps(table), parse_constant=lambda name: None)  # JSON has no infinities and no nan
-
-
-def error_numbers(error: ErrorStatistics) -> tuple[str, str, str]:
-    """Return bias, RMS and 95th percentile as text."""
-    largest = "more than 5 % failed" if math.isinf(error.percentile_95) else f"{error.percentile_95:.2f}"
-    return f"{error.bias:+.2f}", f"{error.rms:.2f}", largest
-
-
-def coverage_text(error: ErrorStatistics, level: int) -> str:
-    """Return the coverage of an interval with its binomial interval."""
-    return rate_text(error.coverage[level]) if level in error.coverage else ""
 
 
 def rate_text(rate: Rate) -> str:
