@@ -49,11 +49,7 @@ class BalanceLaw:
         self._predicted = np.concatenate([shape, np.zeros(size)])
 
     def update(
-        self,
-        joint_error: FloatArray,
-        lean: FloatArray,
-        angular_velocity_in_base: FloatArray,
-        active: bool = True,
+        self, joint_error: FloatArray, lean: FloatArray, angular_velocity_in_base: FloatArray, active: bool = True
     ) -> FloatArray:
         """Compute the offset of the joint targets for the next period.
 

@@ -91,7 +91,7 @@ class FaultLines:
     def __init__(self, robot: RobotModel, log: Callable[..., None]) -> None:
         self._robot, self._log = robot, log
         self.active = ActiveFaults()
-        self._input: int | None = None if sys.stdin is None or sys.stdin.closed or _terminal() else 0
+        self._input: int | None = None if sys.stdin is None or sys.stdin.closed or os.isatty(0) else 0
         self._text = b""
         self._waiting: list[dict[str, Any]] = []
         self._ends: list[tuple[float, str]] = []
@@ -166,14 +166,10 @@ class FaultyBody:
         if not faults.block or self._held is None:
             return command
         joint = self._robot.joint_names.index(faults.block)
-        kp = (self._kp if command.kp is None else command.kp).copy()
-        kd = (self._kd if command.kd is None else command.kd).copy()
-        position, torque = command.position.copy(), None if command.torque is None else command.torque.copy()
+        position, velocity, torque, kp, kd = command.table(self._kp, self._kd)
+        position[joint], torque[joint] = self._held.joint_position[joint], 0.0
         kp[joint], kd[joint] = _CLAMP * self._kp[joint], _CLAMP / 3 * self._kd[joint]
-        position[joint] = self._held.joint_position[joint]
-        if torque is not None:
-            torque[joint] = 0.0
-        return replace(command, position=position, torque=torque, kp=kp, kd=kd)
+        return JointCommand(position, velocity, torque, kp, kd)
 
     def sensed(self, state: RobotState, faults: ActiveFaults) -> RobotState:
         """Return the measured state, with temperatures and battery."""
@@ -192,10 +188,8 @@ class FaultyBody:
         """Return the state with the commanded torque of a blocked joint, up to its limit."""
         if state.joint_torque is None:
             return state
-        kp = self._kp if commanded.kp is None else commanded.kp
-        torque = state.joint_torque.copy()
-        effort = kp[joint] * (commanded.position[joint] - state.joint_position[joint])
-        effort += 0.0 if commanded.torque is None else commanded.torque[joint]
+        position, _, feed_forward, kp, _ = commanded.table(self._kp, self._kd)[:, joint]
+        torque, effort = state.joint_torque.copy(), kp * (position - state.joint_position[joint]) + feed_forward
         torque[joint] = np.clip(effort, -self._robot.effort_limit[joint], self._robot.effort_limit[joint])
         return replace(state, joint_torque=torque)
 
@@ -296,10 +290,3 @@ class FaultySamples:
 def lifted(clearance: np.ndarray) -> bool:
     """Return true if at least two feet are off the floor."""
     return int((clearance > _OFF_THE_FLOOR).sum()) >= 2
-
-
-def _terminal() -> bool:
-    try:
-        return os.isatty(0)
-    except OSError:
-        return True

@@ -131,11 +131,8 @@ class UnitreeDdsWire:
         imu["quaternion"] = (1.0, 0.0, 0.0, 0.0)  # there is no orientation filter
         imu["gyroscope"], imu["accelerometer"] = state.angular_velocity_in_imu, state.acceleration_in_imu
         imu["temperature"] = _IMU_TEMPERATURE
-        record["power_v"], record["power_a"], record["bms_state"]["soc"] = (
-            _VOLTAGE,
-            _CURRENT,
-            round(100 * faults.charge),
-        )
+        record["power_v"], record["power_a"] = _VOLTAGE, _CURRENT
+        record["bms_state"]["soc"] = round(100 * faults.charge)
         record["wireless_remote"][KEYS_AT] = tuple(keys_of(faults.press).to_bytes(2, "little"))
         if not self._options.bare:
             record["tick"] = (self._options.first_tick + round(state.time * 1000)) % 2**32

@@ -45,11 +45,8 @@ class FaultyNetwork:
 
     def carry(self, packet: bytes) -> list[bytes]:
         """Return the packets that arrive when one is sent: none, one or several, some of them sent before."""
-        lost, doubled, overtaken = self._draw.random(3) < (
-            self._options.loss,
-            self._options.duplicate,
-            self._options.reorder,
-        )
+        shares = self._options.loss, self._options.duplicate, self._options.reorder
+        lost, doubled, overtaken = self._draw.random(3) < shares
         self._passed += 1
         due = [late for until, late in self._late if until <= self._passed]
         self._late = [(until, late) for until, late in self._late if until > self._passed]

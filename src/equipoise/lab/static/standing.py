@@ -81,15 +81,12 @@ def estimate_standing(
     effects = np.array([found(std * unit) - values for std, unit in zip(sizes, np.eye(len(sizes)), strict=True)])
     covariance = np.full((10, 10), np.nan)
     covariance[:3, :3] = effects.T @ effects
-    hip = priors.first_moment * stance.hip_height
+    hip, missing = priors.first_moment * stance.hip_height, 7 * [np.nan]
     return Calibration(
         **model_facts(robot, stance.joint_position),
         method=str(settings["method"]),
         composite=Body.of(
-            [*values, *7 * [np.nan]],
-            covariance,
-            [priors.mass * robot.mass, hip, hip, *7 * [np.nan]],
-            nominal.composite,
+            [*values, *missing], covariance, [priors.mass * robot.mass, hip, hip, *missing], nominal.composite
         ),
         base=Body.partial(nominal.base),
         stance_effective=Body.partial(nominal.stance_effective),
