@@ -91,7 +91,9 @@ def pairs_of(robot: RobotModel) -> Pairs:
     shapes.removeAllCollisionPairs()
     for index in np.flatnonzero(~touch):
         shapes.addCollisionPair(pairs[index])
-    return Pairs(shapes, _links(shapes), least, *_routes(robot, shapes))
+    names = [link_of(shape) for shape in shapes.geometryObjects]
+    links = tuple((names[pair.first], names[pair.second]) for pair in shapes.collisionPairs)
+    return Pairs(shapes, links, least, *_routes(robot, shapes))
 
 
 def _pair_up(robot: RobotModel, shapes: pin.GeometryModel) -> None:
@@ -108,11 +110,6 @@ def _near(robot: RobotModel) -> set[tuple[int, int]]:
     """Return pairs of joints, the upper first, with adjacent links, or with the trunk and a part of a leg above its knee."""
     neighbours = {(int(robot.pinocchio.parents[joint]), joint) for joint in range(2, robot.pinocchio.njoints)}
     return neighbours | {(BASE_JOINT, joint) for leg in robot.legs.values() for joint in leg.joint_ids[:-1]}
-
-
-def _links(shapes: pin.GeometryModel) -> tuple[tuple[str, str], ...]:
-    names = [link_of(shape) for shape in shapes.geometryObjects]
-    return tuple((names[pair.first], names[pair.second]) for pair in shapes.collisionPairs)
 
 
 def _routes(robot: RobotModel, shapes: pin.GeometryModel) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:

@@ -62,18 +62,13 @@ def read_pinocchio(source: ModelSource) -> tuple[pin.Model, Rounds]:
     rounds: Rounds = {}
     for shape in geometry.geometryObjects:
         joint, kind, placement = shape.parentJoint, type(shape.geometry).__name__, shape.placement
-        if kind == "Sphere" or (
-            kind == "Cylinder" and _is_along_axis(model, joint, np.array(placement.rotation)[:, 2])
-        ):
-            half_width = float(shape.geometry.halfLength) if kind == "Cylinder" else 0.0
+        cylinder = kind == "Cylinder" and joint > 1
+        along = float(np.array(placement.rotation)[:, 2] @ joint_axis(model, joint)) if cylinder else 0.0
+        if kind == "Sphere" or abs(along) > _ALONG:
+            half_width = float(shape.geometry.halfLength) if cylinder else 0.0
             found = Round(np.array(placement.translation), float(shape.geometry.radius), half_width)
             rounds.setdefault(str(model.names[joint]), []).append(found)
     return model, rounds
-
-
-def _is_along_axis(model: pin.Model, joint: int, direction: FloatArray) -> bool:
-    """Return whether a direction in a joint's frame is nearly that of its axis."""
-    return joint > 1 and abs(float(direction @ joint_axis(model, joint))) > _ALONG
 
 
 def read_shapes(source: ModelSource) -> tuple[pin.Model, pin.GeometryModel]:
