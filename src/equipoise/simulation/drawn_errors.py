@@ -153,7 +153,8 @@ class DrawnErrors:
     def lost(self, first_sample: int, count: int) -> NDArray[np.bool_]:
         """Return (count,) whether consecutive samples are lost; keyed as the noise."""
         drawn = _keyed(self.noise_seed, 4, first_sample, count, np.ones(1))[:, 0]
-        return drawn < _normal_quantile(self.sizes.lost_samples)
+        share = self.sizes.lost_samples
+        return drawn < (NormalDist().inv_cdf(share) if share else -np.inf)
 
     @cached_property
     def _noise_scale(self) -> FloatArray:
@@ -166,11 +167,6 @@ class DrawnErrors:
 def named_generator(seed: int, name: str) -> np.random.Generator:
     """Return the random stream of a name, independent of the draws of other names."""
     return np.random.default_rng([seed, 2, *name.encode()])
-
-
-def _normal_quantile(share: float) -> float:
-    """Return the quantile of the standard normal distribution."""
-    return float(NormalDist().inv_cdf(share)) if share else -np.inf
 
 
 def _keyed(seed: int, stream: int, first: int, count: int, scale: FloatArray) -> FloatArray:

@@ -324,8 +324,7 @@ class EffectSizes:
         if lacking:
             raise SettingsError(
                 f"{engine} does not support the effects {', '.join(lacking)}; disable them (--disable-effect "
-                f"{','.join(lacking)}) or "
-                f"use {self.row(lacking[0]).engines[0]}"
+                f"{','.join(lacking)}) or use {self.row(lacking[0]).engines[0]}"
             )
 
 

@@ -56,12 +56,11 @@ def _add_part(base: mujoco.MjsBody, name: str, payload: Payload, share: float) -
     tensor = share * parameters.inertia
     # A point mass has no inertia, but MuJoCo requires a positive one.
     floor = 1e-9 * np.eye(3) if not tensor.any() else np.zeros((3, 3))
-    xx, yy, zz, xy, xz, yz = (tensor + floor)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     body = base.add_body(name=name, pos=[0, 0, 0])
     body.explicitinertial = True
     body.mass = share * parameters.mass
     body.ipos = parameters.com
-    body.fullinertia = [xx, yy, zz, xy, xz, yz]
+    body.fullinertia = (tensor + floor)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return body
 
 

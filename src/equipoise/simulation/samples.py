@@ -40,6 +40,7 @@ class Samples:
         self._sections = _low_pass(sizes.imu_filter, timestep)
         self._filter_state: FloatArray | None = None
         self._newest: RobotState | None = None
+        self._newest_sample: FloatArray = np.zeros(0)
 
     @cached_property
     def past_steps(self) -> int:
@@ -141,22 +142,15 @@ class Samples:
         latest = np.maximum.accumulate(np.where(there, np.arange(len(samples)), -1))
         seen = samples if there.all() else samples[np.maximum(latest, 0)]
         if self._newest is not None and not there[0]:
-            seen[latest < 0] = _row(self._newest)
+            seen[latest < 0] = self._newest_sample
         if latest[-1] >= 0:
             self._newest = self._state_of(samples[latest[-1]], period + int(latest[-1]))
         return seen
 
     def _state_of(self, sample: FloatArray, period: int) -> RobotState:
         position, velocity, torque = sample[: 3 * self._joints].reshape(3, self._joints)
-        stamp = float(self.stamps(period, 1)[0])
+        stamp, self._newest_sample = float(self.stamps(period, 1)[0]), sample
         return RobotState(stamp, position, velocity, torque, sample[-6:-3], sample[-3:])
-
-
-def _row(state: RobotState) -> FloatArray:
-    assert state.joint_velocity is not None
-    assert state.joint_torque is not None
-    joints = state.joint_position, state.joint_velocity, state.joint_torque
-    return np.concatenate([*joints, state.angular_velocity_in_imu, state.acceleration_in_imu])
 
 
 def _low_pass(frequency: float, timestep: float) -> FloatArray | None:
