@@ -238,7 +238,7 @@ def walk_with_poses(robot: RobotModel, seed: int) -> tuple[Recording, np.ndarray
 
         def seen(*arguments: object, **named: object) -> object:
             state = step(*arguments, **named)
-            poses.append((state.time, *platform.data.qpos[:7]))
+            poses.append((state.time, *platform._data.qpos[:7]))
             return state
 
         platform.step = seen

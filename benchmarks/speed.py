@@ -92,7 +92,7 @@ def recorded(
     platform = simulation.platform
     model, run, controls = platform._model, platform._run, list[np.ndarray]()
     initial = np.zeros(mujoco.mj_stateSize(model, STATE))
-    mujoco.mj_getState(model, platform.data, initial, STATE)
+    mujoco.mj_getState(model, platform._data, initial, STATE)
     platform._run = lambda control, raw: (controls.append(control.copy()), run(control, raw))
     taken = timed(lambda: calibrate(platform, robot, method))
     return taken, model, initial, np.concatenate(controls)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import CommunicationError
 from equipoise.platform.platform import Health, JointCommand, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.platform.stepped import PlatformWrapper
@@ -185,6 +186,12 @@ class Faulty(PlatformWrapper):
         torque[joint] = kp[joint] * (meant.position[joint] - state.joint_position[joint])
         torque[joint] += 0.0 if meant.torque is None else meant.torque[joint]
         return replace(state, joint_torque=torque)
+
+
+def push(platform: MujocoPlatform, force_in_world: FloatArray) -> None:
+    """Push a simulated robot at its base from now on, in addition to its cable."""
+    simulated = platform._simulated
+    platform._data.xfrc_applied[simulated.base_body, :3] = simulated.errors.cable_in_world + force_in_world
 
 
 def grease(platform: MujocoPlatform, leg: str, friction: float) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from faults import Fault, Faulty, grease
+from faults import Fault, Faulty, grease, push
 from guarded import SLOW, hold, simulated
 
 from equipoise import BayesianMethod, RunFolder, calibrate, load_robot, nominal_stance, simulate
@@ -118,7 +118,7 @@ def act_of(case, platform):
     if case.kind != "outside":
         return None
     if case.push:
-        return lambda begins: platform.push(np.array([0.0, case.push, 0.0]) * begins)
+        return lambda begins: push(platform, np.array([0.0, case.push, 0.0]) * begins)
     return lambda begins: grease(platform, "FL", 0.05 if begins else 0.8)
 
 

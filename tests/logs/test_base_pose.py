@@ -36,7 +36,7 @@ def walked(a1):
 
         def seen(command):
             state = step(command)
-            poses.append((state.time, *platform.data.qpos[:7]))
+            poses.append((state.time, *platform._data.qpos[:7]))
             return state
 
         platform.step = seen

@@ -45,7 +45,7 @@ def drawn(sizes, seed=SEED):
 def engine(simulation):
     """The engine's own model and state, and the simulated robot."""
     platform = simulation.platform
-    return SimpleNamespace(model=platform._model, data=platform.data, simulated=platform._simulated)
+    return SimpleNamespace(model=platform._model, data=platform._data, simulated=platform._simulated)
 
 
 def standing(robot, preset="ideal", seed=SEED, **effects):
@@ -55,7 +55,6 @@ def standing(robot, preset="ideal", seed=SEED, **effects):
         seen = engine(simulation)
         seen.errors, seen.truth = simulation.errors, simulation.truth
         seen.ground_truth = simulation.ground_truth()
-        seen.data.xfrc_applied[:] = simulation.platform.wrench
         mujoco.mj_forward(seen.model, seen.data)
         return seen
 
@@ -512,7 +511,7 @@ def test_a_push_adds_to_the_cable(a1):
         simulation.push(np.array([0, 3.0, 0]))
         base = simulation.platform._simulated.base_body
         expected = simulation.errors.cable_in_world + [0, 3.0, 0]
-        assert np.allclose(simulation.platform.wrench[base, :3], expected)
+        assert np.allclose(engine(simulation).data.xfrc_applied[base, :3], expected)
 
 
 def test_a_load_swings_and_counts_at_its_hook(a1):

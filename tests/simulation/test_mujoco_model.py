@@ -96,7 +96,7 @@ def test_every_robot_stands_and_lies_on_the_floor(robots, name, start, noise):
     robot = robots[name]
     stance = nominal_stance(robot)
     with simulate(robot, noise, start=start) as simulation:
-        data = simulation.platform.data
+        data = simulation.platform._data
         state = simulation.platform.read()
     assert state.time == 0.0
     assert data.qfrc_constraint[2] == pytest.approx(simulation.truth.composite.mass * 9.81, rel=0.01)
@@ -114,7 +114,7 @@ def test_a_lying_robot_can_stand_up(a1):
         here = simulation.platform.read().joint_position
         step = np.linspace(0, 1, 500)[:, None]
         simulation.platform.play(Trajectory(here + step * (stance.joint_position - here)))
-        assert simulation.platform.data.qpos[2] > 0.9 * stance.base_height
+        assert simulation.platform._data.qpos[2] > 0.9 * stance.base_height
 
 
 def test_only_feet_and_belly_touch_the_floor(robots):
@@ -209,7 +209,7 @@ def test_losses_are_those_asked_for_on_the_leg_joints_alone(tmp_path):
 def test_viscous_friction_is_linear_in_speed(tmp_path):
     # Damping became a polynomial in MuJoCo 4: neither the file's nor a higher coefficient may be left in it.
     platform = simulate(load_text(tmp_path, CLUTTERED), EffectSizes(viscous_friction=0.5)).platform
-    model, data, dof = platform._model, platform.data, platform._simulated.dof
+    model, data, dof = platform._model, platform._data, platform._simulated.dof
     for speed in (0.1, 3.0, -10.0):
         data.qvel[dof] = speed
         mujoco.mj_forward(model, data)

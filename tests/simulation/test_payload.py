@@ -84,7 +84,7 @@ def test_the_floor_carries_the_payload_where_it_is(a1, parameters):
     feet_moments = []
     for payload in (None, Payload(parameters)):
         with simulate(a1, "ideal", payload=payload) as simulation:
-            data = simulation.platform.data
+            data = simulation.platform._data
             feet_moments.append(data.qfrc_constraint[:6].copy())
     force, moment = np.split(feet_moments[1] - feet_moments[0], 2)
     weight = parameters.mass * 9.81

@@ -289,7 +289,7 @@ def test_the_gyroscope_is_the_derivative_of_the_attitude_without_a_lag(a1):
         for heights in drop:
             position = inverse_kinematics(a1, stance.feet_in_base + heights[:, None] * [0, 0, 1], position)
             state = platform.step(JointCommand(position))
-            attitude.append(platform.data.qpos[3:7].copy())
+            attitude.append(platform._data.qpos[3:7].copy())
             gyro.append(state.angular_velocity_in_imu)
     roll = 2 * np.array(attitude)[:, 1]
     assert np.ptp(roll) > 0.03
@@ -345,7 +345,7 @@ def test_the_loop_closes_on_the_encoder_and_the_joint_is_offset(a1):
     target, (kp, _) = nominal_stance(a1).joint_position, a1.gains(nominal_stance(a1).hip_height)
     with simulate(a1, EffectSizes(joint_offset=5e-3), seed=SEED) as simulation:
         state = simulation.platform.read()
-        true = simulation.platform.data.qpos[simulation.platform._simulated.qpos].copy()
+        true = simulation.platform._data.qpos[simulation.platform._simulated.qpos].copy()
     with simulate(a1, "ideal") as simulation:
         without = simulation.platform.read()
     assert np.allclose(state.joint_torque, kp * (target - state.joint_position), atol=0.05)
@@ -359,7 +359,7 @@ def test_the_encoder_error_is_the_joint_offset_in_any_motion(a1):
     with simulate(a1, EffectSizes(joint_offset=5e-3), seed=SEED) as simulation:
         platform = simulation.platform
         recording = platform.play(squat(a1))
-        true = platform.data.qpos[platform._simulated.qpos]
+        true = platform._data.qpos[platform._simulated.qpos]
         assert np.allclose(platform.read().joint_position - true, zero, atol=1e-12)
         assert recording.joints.position.std(axis=0).max() > 0.02
 
@@ -370,7 +370,7 @@ def test_a_torque_gain_is_between_the_true_and_the_reported_torque(a1):
         platform = simulation.platform
         target = nominal_stance(a1).joint_position
         state = platform.read()
-        true = platform.data.qfrc_actuator[platform._simulated.dof]
+        true = platform._data.qfrc_actuator[platform._simulated.dof]
         kp, _ = a1.gains(nominal_stance(a1).hip_height)
     assert np.abs(gain - 1).max() > 0.1
     assert np.allclose(state.joint_torque * gain, true, atol=0.02)

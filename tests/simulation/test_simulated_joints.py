@@ -27,7 +27,7 @@ def swung(robot, frequency, size, timestep, sizes):
     stance, dof = nominal_stance(robot), platform._simulated.dof
     model.opt.gravity[:] = 0
     platform._place(stance.joint_position, stance.base_height + 5)
-    data, moment = platform.data, mujoco.MjData(model)
+    data, moment = platform._data, mujoco.MjData(model)
     smooth = copy.copy(model)
     smooth.dof_armature[dof], smooth.dof_frictionloss[:], smooth.dof_damping[:] = sizes.armature, 0, 0
     needed, speeds, friction = np.zeros(model.nv), [], []
@@ -71,7 +71,7 @@ def test_a_joint_that_friction_holds_stays_where_it_is(a1):
     stance = nominal_stance(a1)
     with simulate(a1, EffectSizes(coulomb_friction=COULOMB)) as simulation:
         platform = simulation.platform
-        model, data, joint = platform._model, platform.data, platform._simulated.qpos[JOINT]
+        model, data, joint = platform._model, platform._data, platform._simulated.qpos[JOINT]
     model.opt.gravity[:] = 0
     platform._place(stance.joint_position, stance.base_height + 5)
     data.ctrl[:] = stance.joint_position

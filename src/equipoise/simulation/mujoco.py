@@ -29,10 +29,7 @@ class MujocoPlatform(SimulatedPlatform):
         stance: nominal stance, in which (or lying under which) the robot starts.
         start: posture at the start, "standing" or "lying".
         control_period: time between commands [s]; a multiple of the engine's time step.
-
-    Attributes:
-        data: state of the engine, for observers.
-        wrench: (nbody, 6) external forces [N] and torques [Nm] on the engine's bodies, in world axes, applied from now on.
+        data: state of the engine, for observers that share it; its external forces remain applied; default: a new one.
     """
 
     def __init__(
@@ -42,18 +39,17 @@ class MujocoPlatform(SimulatedPlatform):
         stance: Stance,
         start: Start = "standing",
         control_period: float = 2e-3,
+        data: mujoco.MjData | None = None,
     ) -> None:
         self._simulated = simulated
         self._model = simulated.model
         self._gains = np.full((2, len(robot.joint_names)), np.nan)  # last ones set in the engine
         super().__init__(robot, simulated.errors, simulated.kp, simulated.kd, self._model.opt.timestep, control_period)
-        self.data = mujoco.MjData(self._model)
+        self._data = mujoco.MjData(self._model) if data is None else data
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
         self._state_size = mujoco.mj_stateSize(self._model, _STATE)
         self._whole_state = np.empty(mujoco.mj_stateSize(self._model, _WHOLE_STATE))
         self._rollout = rollout.Rollout(nthread=0)
-        self.wrench = np.zeros((self._model.nbody, 6))
-        self.push(np.zeros(3))
         self._friction = ChangingFriction(self._model, simulated.dof, simulated.qpos, simulated.errors)
         # Columns of a state, after its time: leg joints; their velocities and the base's angular velocity.
         self._positions = 1 + simulated.qpos
@@ -70,12 +66,8 @@ class MujocoPlatform(SimulatedPlatform):
         super().close()
         self._rollout.close()
 
-    def push(self, force_in_world: FloatArray) -> None:
-        """Apply a (3,) force [N] at the base's CoM, in addition to the cable's, until the next call."""
-        self.wrench[self._simulated.base_body, :3] = self._errors.cable_in_world + force_in_world
-
     def _place(self, joint_position: FloatArray, base_height: float) -> None:
-        data, model = self.data, self._model
+        data, model = self._data, self._model
         data.qpos[:] = model.qpos0
         data.qpos[:7] = [0, 0, base_height, 1, 0, 0, 0]
         data.qpos[self._simulated.qpos] = joint_position
@@ -84,9 +76,10 @@ class MujocoPlatform(SimulatedPlatform):
         if deepest < -_PRESSED:  # feet or footholds differ from the estimator's model
             data.qpos[2] -= deepest
             mujoco.mj_forward(model, data)
+        data.xfrc_applied[self._simulated.base_body, :3] = self._errors.cable_in_world
 
     def _turn_by(self, angle: float) -> None:
-        data, turn = self.data, np.zeros(4)
+        data, turn = self._data, np.zeros(4)
         mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0, 1]), angle)
         mujoco.mju_mulQuat(data.qpos[3:7], turn, data.qpos[3:7].copy())
         mujoco.mju_rotVecQuat(data.qvel[:3], data.qvel[:3].copy(), turn)
@@ -94,11 +87,11 @@ class MujocoPlatform(SimulatedPlatform):
         self._model.geom_pos[self._floors, 2] = foothold_heights(self._simulated.errors, self._heading)
 
     def _set_clock_to_zero(self) -> None:
-        self.data.time = 0.0
+        self._data.time = 0.0
 
     def _base_up(self) -> float:
         up = np.zeros(3)
-        mujoco.mju_rotVecQuat(up, np.array([0.0, 0, 1]), self.data.qpos[3:7])
+        mujoco.mju_rotVecQuat(up, np.array([0.0, 0, 1]), self._data.qpos[3:7])
         return float(up[2])
 
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
@@ -108,7 +101,7 @@ class MujocoPlatform(SimulatedPlatform):
             self._simulated.set_gains(*self._gains)
 
     def _run(self, control: FloatArray, raw: FloatArray) -> None:
-        data, model, joints = self.data, self._model, self._model.nu
+        data, model, joints = self._data, self._model, self._model.nu
         path = np.empty((len(control) + 1, self._state_size))  # the state before each step, and after the last
         mujoco.mj_getState(model, data, path[0], _STATE)
         sensors = self._stepped(path, control) if self._friction.needed else self._rolled(path, control)
@@ -129,18 +122,19 @@ class MujocoPlatform(SimulatedPlatform):
         """Fill in the states after each step; return the engine's (n, ...) sensor values at its start."""
         steps = len(control)
         sensors, inputs = np.empty((1, steps, self._model.nsensordata)), _CONTROL
-        if any_of(self.wrench != 0):
+        pushes = self._data.xfrc_applied.ravel()
+        if any_of(pushes != 0):
             inputs |= _PUSHED
-            control = np.concatenate([control, np.broadcast_to(self.wrench.ravel(), (steps, self.wrench.size))], axis=1)
+            control = np.concatenate([control, np.broadcast_to(pushes, (steps, pushes.size))], axis=1)
         self._rollout.rollout(
             [self._model],
-            [self.data],
+            [self._data],
             path[:1],
             np.ascontiguousarray(control)[None],
             control_spec=inputs,
             skip_checks=True,  # the checks take a fifth of the time of a short rollout
             nstep=steps,
-            initial_warmstart=np.array(self.data.qacc_warmstart)[None],
+            initial_warmstart=np.array(self._data.qacc_warmstart)[None],
             state=path[None, 1:],
             sensordata=sensors,
         )
@@ -148,10 +142,9 @@ class MujocoPlatform(SimulatedPlatform):
 
     def _stepped(self, path: FloatArray, control: FloatArray) -> FloatArray:
         """Roll out step by step, for inputs that must be set before each step."""
-        data, model = self.data, self._model
+        data, model = self._data, self._model
         sensors = np.empty((len(control), model.nsensordata))
         warm = np.array(data.qacc_warmstart)
-        data.xfrc_applied[:] = self.wrench
         try:
             commanded, sensed = data.ctrl, data.sensordata
             for row, state, seen in zip(control, path[1:], sensors, strict=True):
@@ -167,13 +160,12 @@ class MujocoPlatform(SimulatedPlatform):
         return sensors
 
     def _raw_now(self) -> FloatArray:
-        data, model, simulated = self.data, self._model, self._simulated
+        data, model, simulated = self._data, self._model, self._simulated
         ahead, state = self._ahead, self._whole_state
         mujoco.mj_getState(model, data, state, _WHOLE_STATE)
         mujoco.mj_setState(model, ahead, state, _WHOLE_STATE)
         if len(self._late_control):
             ahead.ctrl[:] = self._late_control[0]
-        ahead.xfrc_applied[:] = self.wrench
         if self._friction.needed:
             self._friction.act(ahead)
         mujoco.mj_step(model, ahead)

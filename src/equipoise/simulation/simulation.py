@@ -30,7 +30,8 @@ class Simulation:
         engine_version: version of the engine.
         errors: effects that were drawn for it; for studies, not for experiments.
         ground_truth: function that returns the true state at the present moment; for evaluation only.
-        push: function that applies a (3,) external force [N] at the base's CoM; None in engines that do not support it.
+        push: function that applies a (3,) external force at the base's CoM from now on, in world axes [N]; None in engines
+            that do not support it.
         link_truth: true values of each leg link by name, as in `equipoise.result.findings.Link`; empty in engines
             that do not provide them.
     """
@@ -156,6 +157,11 @@ def build(
     timestep = TIMESTEP if timestep is None else timestep
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep, contacts)
     truth = simulated_truth(robot, simulated, stance.joint_position)
-    platform = MujocoPlatform(robot, simulated, stance, start)
-    ground_truth, links = ground_truth_of(robot, simulated, platform.data), link_truth(robot, simulated)
-    return Simulation(platform, truth, mujoco.__version__, errors, ground_truth, platform.push, links)
+    data = mujoco.MjData(simulated.model)
+    platform = MujocoPlatform(robot, simulated, stance, start, data=data)
+
+    def push(force_in_world: FloatArray) -> None:
+        data.xfrc_applied[simulated.base_body, :3] = errors.cable_in_world + force_in_world
+
+    ground_truth, links = ground_truth_of(robot, simulated, data), link_truth(robot, simulated)
+    return Simulation(platform, truth, mujoco.__version__, errors, ground_truth, push, links)
