@@ -11,7 +11,7 @@ from equipoise.clearance.clearance import Clearance
 from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, ReachError
 from equipoise.experiments.motion import Motion, Target
-from equipoise.platform.platform import MotionInterrupted, Platform, TiltLimit, Trajectory
+from equipoise.platform.platform import MotionInterrupted, Platform, TiltLimit
 from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import foot_positions
@@ -64,7 +64,8 @@ class StandingRobot:
             ReachError: links would touch; the robot does not move.
         """
         trajectory = motion.build()
-        self._check_clear(trajectory)
+        if (contact := self._clearance.first_contact(trajectory.position)) is not None:
+            raise ReachError(f"{contact}; the robot was not moved")
         if self._trial is None and any(event.name == TRIAL for event in trajectory.events):
             self._trials += 1
             self._trial = self._trials
@@ -85,10 +86,6 @@ class StandingRobot:
             feet = foot_positions(self.robot, position)
             self.target = Target(position, feet, trajectory.torque[played - 1], motion.target.legs)
         return recording
-
-    def _check_clear(self, trajectory: Trajectory) -> None:
-        if (contact := self._clearance.first_contact(trajectory.position)) is not None:
-            raise ReachError(f"{contact}; the robot was not moved")
 
     def finish(self) -> Recording:
         """Pass the recordings since the last call to `keep` as one, and return it."""
