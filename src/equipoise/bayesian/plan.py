@@ -197,7 +197,9 @@ def make_plan(
             each.steps.update(taken, covariance)
         covariance = np.asarray(np.linalg.inv(information), dtype=float)
         total += cost
-    if not any(part.lifts for part in parts) and known is None:
+    visits = [part.visits for part in parts]
+    planned = sum(visits, ())
+    if known is None and not any(visit.lifts for visit in planned):
         least = durations.search + durations.posture + durations.replant + durations.lift + durations.end
         least += turn * (least - durations.search - durations.end + durations.turn)
         raise SettingsError(
@@ -206,9 +208,8 @@ def make_plan(
         )
     everything = np.asarray(np.linalg.inv(information if after is None else information + after), dtype=float)
     covariance = to_body @ everything @ to_body.T
-    visits = [part.visits for part in parts]
     return Plan(
-        sum(visits, ()), total, np.sqrt(np.diag(covariance)), body,
+        planned, total, np.sqrt(np.diag(covariance)), body,
         tuple(candidates.left_out), len(visits[0]) if turn else None,
         links=link_findings(unknowns, x, everything) if candidates.swings else {}, excitation=reserved > 0,
     )  # fmt: skip
@@ -229,11 +230,6 @@ class _Part:
         self._visited: dict[BodyPosture, list[LiftDesign]] = {}
         often = math.ceil(FEW_LIFTS / len(candidates.lifts))
         self._remaining = {index: often - used.count(lift) for index, lift in enumerate(candidates.lifts)}
-
-    @property
-    def lifts(self) -> int:
-        """Number of planned lifts."""
-        return sum(map(len, self._visited.values()))
 
     @property
     def visits(self) -> tuple[Visit, ...]:

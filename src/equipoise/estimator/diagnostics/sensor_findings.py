@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from equipoise.estimator.problem import Posterior
-from equipoise.estimator.unknowns import Unknown
 from equipoise.result.findings import SensorFinding
 
 _SIGNIFICANT = 3.0  # standard deviations from zero
 
 
 def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
-    """Return the findings of all reported parameters that an equation depends on, by decreasing value over std."""
+    """Return the findings of all reported parameters that an equation depends on, by decreasing value over std.
+
+    A negative value of a nonnegative parameter is not significant.
+    """
     findings = [
         SensorFinding(
             row.finding.format(each=label),
             value,
             std,
             row.message(label, value, std),
-            _size(row, value) > max(_SIGNIFICANT * std, row.significant),
+            (value if row.nonnegative else abs(value)) > max(_SIGNIFICANT * std, row.significant),
             row.unit,
         )
         for row in posterior.unknowns.rows
@@ -25,8 +27,3 @@ def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
         for label, value, std in posterior.of_row(row)
     ]
     return sorted(findings, key=lambda finding: -abs(finding.value) / finding.std)
-
-
-def _size(row: Unknown, value: float) -> float:
-    """Return the size of an error; a negative value of a nonnegative parameter is not significant."""
-    return value if row.nonnegative else abs(value)

@@ -12,6 +12,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.estimator.measurements.lift_samples import at_times
 from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import JointStream, Recording
@@ -39,8 +40,7 @@ def command_at(recording: Recording, time: FloatArray) -> tuple[FloatArray, Floa
     assert recording.commands is not None
     sent, targets = recording.commands.time, recording.commands.position
     rates = np.gradient(targets, sent, axis=0)
-    columns = [np.column_stack([np.interp(time, sent, column) for column in part.T]) for part in (targets, rates)]
-    return columns[0], columns[1]
+    return at_times(time, sent, targets), at_times(time, sent, rates)
 
 
 def law_torque(

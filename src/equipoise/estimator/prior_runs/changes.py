@@ -121,7 +121,8 @@ def estimate_with_prior_run(
     problem = MapProblem(robot, stance, motions, priors, mass, lifts_needed)
     unknowns = problem.unknowns
     wider = {int(place): FREE for place in unknowns.columns(*_MAY_CHANGE)}
-    x, _ = solve(problem.with_prior(prior_run.distribution(unknowns, wider)), _start(prior_run, unknowns), 2)
+    start = np.concatenate([prior_run.x[:10], prior_run.distribution(unknowns).mean])
+    x, _ = solve(problem.with_prior(prior_run.distribution(unknowns, wider)), start, 2)
     quiet = problem.at_residual_noise(x)
     changed: dict[int, float] = {}
     changes: list[Change] = []
@@ -135,12 +136,6 @@ def estimate_with_prior_run(
     after = problem.with_prior(prior_run.distribution(unknowns, changed))
     x, converged = descend(after, x)
     return after.posterior(x, converged), tuple(changes)
-
-
-def _start(prior_run: PriorRun, unknowns: Unknowns) -> FloatArray:
-    """Return the (size,) values of the prior run."""
-    x = np.concatenate([prior_run.x[:10], prior_run.distribution(unknowns).mean])
-    return np.asarray(x, dtype=float)
 
 
 def _least_likely(
