@@ -83,6 +83,7 @@ def seen_by(move, biases):
             rest.joint_position + biases["joint_offset"],
             tilt.T @ rest.acceleration_in_imu + biases["accelerometer_bias"],
             rest.load,
+            rest.joint_torque,
         )
         for rest in (move.before, move.after)
     )

@@ -148,5 +148,6 @@ class Predictor:
             feet = feet_in_posture(self.stance, self.com, posture)
             position = check_posture(self.robot, self.stance, feet)
             specific_force = GRAVITY * posture.rotation[2] @ np.array(self.robot.imu_in_base.rotation)
-            self._rested[posture] = RestReading(position, specific_force, loads_on_feet(self.robot, position))
+            loads, torque = loads_on_feet(self.robot, position), np.zeros_like(position)
+            self._rested[posture] = RestReading(position, specific_force, loads, torque)
         return self._rested[posture]

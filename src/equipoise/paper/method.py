@@ -117,10 +117,7 @@ class PaperMethod(PaperSettings, Method):
         lines: dict[str, SupportLine] = {}
         planes: list[SupportPlane] = []
         for diagonal in DIAGONALS:
-            line, plane = _support_line(
-                [lift for lift in lifts if lift.trial.diagonal == diagonal], diagonal, stance, self
-            )
-            lines[diagonal] = line
+            lines[diagonal], plane = _support_line(lifts, diagonal, stance, self)
             planes.append(plane)
         nominal = nominal_inertia(robot, stance.joint_position)
         x_c, y_c = find_intersection(planes, float(nominal.composite.com[2]))  # Algorithm 2, line 5
@@ -181,6 +178,7 @@ def _support_line(
     lifts: list[LiftReading], diagonal: str, stance: Stance, settings: PaperMethod
 ) -> tuple[SupportLine, SupportPlane]:
     """Return a diagonal's support line, between the last trial that tipped forward and the last that tipped backward."""
+    lifts = [lift for lift in lifts if lift.trial.diagonal == diagonal]
     bracket = reduce(step, [lift.tried for lift in lifts], settings.com_search.bracket(stance))
     if not done(bracket):
         tips = [sum(lift.tilt.verdict == verdict for lift in lifts) for verdict in ("forward", "backward", "balanced")]

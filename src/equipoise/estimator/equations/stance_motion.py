@@ -64,20 +64,20 @@ class RestReading:
         joint_position: (nj,) joint positions [rad].
         acceleration_in_imu: (3,) accelerometer readings, in the IMU frame [m/s2].
         load: (4,) weight on each foot, according to the model [N].
-        joint_torque: (nj,) reported joint torques [Nm], or None.
+        joint_torque: (nj,) reported joint torques; zero without any [Nm].
     """
 
     joint_position: FloatArray
     acceleration_in_imu: FloatArray
     load: FloatArray
-    joint_torque: FloatArray | None = None
+    joint_torque: FloatArray
 
     @classmethod
     def of(cls, robot: RobotModel, still: Recording) -> RestReading:
         """Average a recording in which nothing moves."""
         joints, acceleration = still.joints, still.imu.acceleration_in_imu.mean(axis=0)
-        torque = None if joints.torque is None else joints.torque.mean(axis=0)
         position = joints.position.mean(axis=0)
+        torque = np.zeros_like(position) if joints.torque is None else joints.torque.mean(axis=0)
         return cls(position, acceleration, loads_on_feet(robot, position), torque)
 
 
@@ -131,10 +131,8 @@ def read_move(run: RunContext, before: Recording, moving: Recording, after: Reco
 
 def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
     position = np.array([rest.joint_position for rest in rests])
-    none = np.zeros(position.shape[1])
-    return JointReadings.of(
-        legs, position, torque=np.array([none if rest.joint_torque is None else rest.joint_torque for rest in rests])
-    )
+    torque = np.array([rest.joint_torque for rest in rests])
+    return JointReadings.of(legs, position, torque=torque)
 
 
 def _higher_by_width(legs: LegChains, rotation_imu_to_base: FloatArray, rests: Sequence[RestReading]) -> FloatArray:
