@@ -9,6 +9,7 @@ from pathlib import Path
 from equipoise.errors import EquipoiseError, RecordingError
 from equipoise.logs.motions.segments import find_segments, usable
 from equipoise.logs.raw_log import Log
+from equipoise.recording.event import TRIAL, Event
 from equipoise.recording.mcap_reader import MessageReader
 from equipoise.recording.recording import Recording
 from equipoise.recording.run_log_reader import LogContent, check_format, damage_reported, log_files, read_piece
@@ -25,7 +26,9 @@ def log_news(robot: RobotModel, log: Log) -> News:
         parts = usable(find_segments(robot, nominal_stance(robot), log.recording, log.foot_forces))
     except EquipoiseError:  # a log that no estimate accepts can still be shown
         parts = []
-    events = sorted((event for part in parts for event in part.events), key=lambda event: event.time)
+    found = [(float(part.joints.time[0]), part.found_trial) for part in parts]
+    starts = [Event(start, TRIAL, trial.to_data()) for start, trial in found if trial is not None]
+    events = sorted([*starts, *(event for part in parts for event in part.events)], key=lambda event: event.time)
     return [replace(log.recording, events=tuple(events))], parts
 
 

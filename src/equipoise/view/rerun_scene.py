@@ -101,9 +101,6 @@ class Scene:
         self._start = np.nan  # time of the first sample
         self.steps, self._trials = 0, 0
         self._events: list[Event] = []  # not shown yet
-        self._found: list[
-            tuple[float, RecordedTrial]
-        ] = []  # trials detected in a log, with their start times; not shown yet
         self._ends: list[float] = []  # of the complete trials
         self._trial: RecordedTrial | None = None
         self._lift: tuple[FloatArray, FloatArray] | None = None  # attitude and direction of the line at unloading
@@ -116,7 +113,6 @@ class Scene:
             pieces: new pieces of motion, in order.
             complete: newly complete trials.
         """
-        self._found += [(float(one.joints.time[0]), one.found_trial) for one in complete if one.found_trial is not None]
         with suppress(RecordingError):  # no pieces, or the clock was reset in between
             pieces = [Recording.concatenate(pieces)]  # Rerun reads few large chunks faster
         for piece in pieces:
@@ -233,25 +229,18 @@ class Scene:
 
     def _log_events(self, now: float, attitude: FloatArray, contacts: FloatArray) -> None:
         """Write the events up to a time [s], given the base attitude and the contact points at that time."""
-        while self._found and self._found[0][0] <= now:
-            self._log_trial(*self._found.pop(0))
         while self._events and self._events[0].time <= now:
             event = self._events.pop(0)
             self._set_time(event.time)
             if event.name == TRIAL:
-                self._log_trial(event.time, read_trial(event.data))
+                self._trial, self._lift, self._trials = read_trial(event.data), None, self._trials + 1
+                self._stream.log("trials", self._rr.TextLog(self._title()))
             elif event.name == PHASE:
                 line, phase = support_line(self._trial, contacts), str(event.data.get("name"))
                 if phase == Phase.UNLOAD and line is not None:
                     self._lift = attitude, (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
                 about = _KINDS.get(self._trial.kind, "") if self._trial else ""
                 self._log_text("now", f"## {self._title()}\n**{phase}**\n\n{about}")
-
-    def _log_trial(self, time: float, trial: RecordedTrial | None) -> None:
-        """Write the start of a trial at a time [s]."""
-        self._set_time(time)
-        self._trial, self._lift, self._trials = trial, None, self._trials + 1
-        self._stream.log("trials", self._rr.TextLog(self._title()))
 
     def _tilt(self, attitude: FloatArray) -> float:
         """Return the rotation about the support line since the feet were unloaded [rad]; nan without a lift."""
