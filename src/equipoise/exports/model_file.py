@@ -172,9 +172,9 @@ def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialPa
     Raises:
         NotEstimatedError: as `Subject.nearest_body` does.
     """
-    vector, what = subject.added_to(composite), f"{PAYLOAD}, the difference from the model file,"
+    what = f"{PAYLOAD}, the difference from the model file,"
     remedy = "leave out --add-payload-link to change the base link instead"
-    return subject.nearest_body(vector, what, remedy)
+    return subject.nearest_body(subject.composite.vector - composite.vector, what, remedy)
 
 
 def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> None:

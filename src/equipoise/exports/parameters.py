@@ -32,7 +32,7 @@ _OF_LINKS = {
     "moment_z": ("kg m", "that mass times z of its CoM"),
     "length": ("m", "distance across the joint's axis to the next joint, or to the middle of the foot"),
 }
-_IN_COMMON = {"coulomb_friction": "coulomb_friction", "viscous_friction": "viscous_friction", "armature": "armature"}
+_IN_COMMON = ("coulomb_friction", "viscous_friction", "armature")
 """Rows of the parameter table for motors that share one value."""
 
 
@@ -114,7 +114,7 @@ def _given(parts: Mapping[str, Part], name: str) -> dict[str, Quantity]:
 def _in_common(result: Calibration, name: str) -> dict[str, Quantity]:
     """Return the shared value of all joints, for a run that did not estimate motors one by one."""
     findings = {finding.name: finding for finding in result.sensors}
-    row = Priors.row(_IN_COMMON[name]) if name in _IN_COMMON else None
+    row = Priors.row(name) if name in _IN_COMMON else None
     if row is None or row.finding not in findings:
         return {}
     finding = findings[row.finding]

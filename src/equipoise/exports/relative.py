@@ -154,7 +154,7 @@ def _measured(subject: Subject) -> tuple[tuple[InertialParameters, ...], FloatAr
     placement = link_in_file(reference.base_link, reference.source.forward)[1]
     in_composite = subject.covariance_seen_from(placement)
     model = base_parameters(reference)
-    added = subject.added_to(composite_of(subject, reference))
+    added = subject.composite.vector - composite_of(subject, reference).vector
     run, notes = subject.nearest_body(
         model.vector + added, f"the base for the legs of {_name(reference)}", "check the legs with 'equipoise audit'"
     )

@@ -131,7 +131,9 @@ class Subject:
             return body, ()
         nearest = InertialParameters(body.mass, body.com, physical_inertia(body.inertia, body.mass, _FLATTEST))
         change = nearest.inertia - body.inertia
-        if not (within := self.within_intervals(change)) and not self.forced:
+        half_widths = NORMAL_95 * self.result.composite.inertia.stds
+        within = bool((np.abs(change) <= half_widths).all())  # nan: no interval
+        if not within and not self.forced:
             raise NotEstimatedError(
                 f"{what} is not physical: {defect}, and the nearest physical body lies beyond the intervals: {remedy}, or "
                 "write that body with --force"
@@ -142,14 +144,6 @@ class Subject:
             f"{prefix}: {what} is not physical ({defect}); its inertia is the nearest physical one, Ixx, Iyy, Izz changed by "
             f"{moments} kg m2; its mass and CoM are as estimated",
         )
-
-    def added_to(self, composite: InertialParameters) -> FloatArray:
-        """Return the (10,) difference of the estimated robot from this composite; Pinocchio's order, about the origin."""
-        return self.composite.vector - composite.vector
-
-    def within_intervals(self, change: FloatArray) -> bool:
-        """Return whether a change of the inertia [kg m2] (3, 3) is within the 95 % intervals of the whole robot's."""
-        return bool((np.abs(change) <= NORMAL_95 * self.result.composite.inertia.stds).all())  # nan: no interval
 
     def covariance_seen_from(self, placement: pin.SE3) -> FloatArray:
         """Return the (10, 10) covariance of the composite in other axes at the base's origin, in the order of COMPONENTS.

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-import numpy as np
-
 from equipoise.experiments.response_test import ResponseTest
 from equipoise.json_form import from_json
 from equipoise.result.calibration import Calibration
@@ -38,7 +36,7 @@ def _standing(result: Calibration) -> str:
     robot = result.robot_model
     if robot is None:
         return ""
-    stance = stance_at(robot, np.array([result.joint_position[name] for name in robot.joint_names]))
+    stance = stance_at(robot, robot.joint_vector(dict(result.joint_position), "the run's stance"))
     return f"; standing with its hips {stance.hip_height:.3f} m high"
 
 
