@@ -23,7 +23,7 @@ from equipoise import (
 )
 from equipoise.errors import OutputError, SettingsError
 from equipoise.figures.blocks import Cell, DataTable, Figure, number, short
-from equipoise.figures.numbers import numbers
+from equipoise.figures.numbers import in_shown_unit, numbers, numbers_table
 from equipoise.figures.plan_view import plan_view
 from equipoise.lab.static.method import Static
 from equipoise.paper.iterations import tried_offsets
@@ -267,21 +267,23 @@ def test_alerts_are_failed_checks_or_warnings(bayesian, paper):
 
 
 def test_numbers_are_the_results_in_the_terminals_units(bayesian):
-    mass, com_x, *_ = numbers(bayesian)
+    table = numbers_table(numbers(bayesian), "")
+    mass, com_x, *_ = ({head: str(cell) for head, cell in zip(table.columns, row, strict=True)} for row in table.rows)
     found = bayesian.composite.com_in_base.x
-    assert (com_x.label, com_x.quantity.verdict) == ("CoM x [mm]", found.verdict)
-    assert com_x.quantity.half_width == pytest.approx(1960 * found.std)
-    assert com_x.quantity.error == pytest.approx(1000 * (found.value - bayesian.truth.composite.com[0]))
-    assert mass.quantity.change == pytest.approx(bayesian.composite.mass.value - bayesian.nominal.composite.mass)
+    assert (com_x["parameter"], com_x["verdict"]) == ("CoM x [mm]", found.verdict)
+    assert com_x["|95 % +-"] == f"{1960 * found.std:.2f}"
+    error = com_x["|error"].removesuffix(" (!)")
+    assert error == f"{1000 * (found.value - bayesian.truth.composite.com[0]):+.2f}"
+    assert mass["|change"] == f"{bayesian.composite.mass.value - bayesian.nominal.composite.mass:+.3f}"
 
 
 def test_a_bar_keeps_the_order_of_its_values(bayesian):
     for one in numbers(bayesian):
-        places = bar_places(one.quantity)
+        places = bar_places(one)
         assert 0 <= places["lower"] < places["found"] < places["upper"] <= 1
         for kind in ("model", "truth"):
             assert 0 <= places[kind] <= 1
-            assert (places[kind] < places["found"]) == (getattr(one.quantity, kind) < one.value)
+            assert (places[kind] < places["found"]) == (getattr(one, kind) < one.value)
 
 
 @pytest.mark.parametrize(
@@ -431,7 +433,7 @@ def test_the_caption_has_the_digits_of_the_table(bayesian):
     close_up = next(
         block for block in run_contents(bayesian).first if getattr(block, "title", "") == "Around the centre of mass"
     )
-    x, y = (str(number) for number in numbers(bayesian)[1:3])
+    x, y = (in_shown_unit(one, one.value) for one in numbers(bayesian)[1:3])
     assert close_up.caption.startswith(f"estimate x {x}, y {y} mm; ")
 
 
@@ -504,7 +506,7 @@ def test_a_difference_has_the_combined_interval(bayesian, static):
     other = dataclasses.replace(bayesian, composite=bayesian.composite)
     contents = comparison_contents({"before": bayesian, "after": other})
     table = next(block for block in blocks(contents, DataTable) if block.title == "after minus before")
-    half = numbers(bayesian)[0].quantity.half_width
+    half = numbers(bayesian)[0].half_width
     assert table.rows[0] == ["mass [kg]", Cell("+0.000"), f"{np.sqrt(2) * half:.3f}", "within the interval"]
     assert len([block for block in contents.first if isinstance(block, Figure)]) == 2
     mixed = comparison_contents({"bayesian": bayesian, "static": static})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
 
 from equipoise.conventions import AXES
 from equipoise.figures.blocks import BAR, Cell, DataTable, number
@@ -11,7 +10,7 @@ from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration
 from equipoise.result.legend import frame_message, verdict_message
 from equipoise.result.quantity import Quantity
-from equipoise.result.shown import ROWS, called
+from equipoise.result.shown import SHOWN, called
 
 HEADINGS = {
     "composite": "The whole robot at its stance",
@@ -20,69 +19,40 @@ HEADINGS = {
 }
 
 
-@dataclass(frozen=True)
-class Number:
-    """Estimated quantity in displayed units.
-
-    Attributes:
-        label: name and unit.
-        form: format specification.
-        quantity: the quantity in those units.
-    """
-
-    label: str
-    form: str
-    quantity: Quantity
-
-    @property
-    def value(self) -> float:
-        """Estimate, in the displayed unit."""
-        return self.quantity.value or 0.0
-
-    @property
-    def half_width(self) -> str:
-        """Formatted half width of the 95 % interval; a dash without one."""
-        return number(self.quantity.half_width, 1, self.form)
-
-    def __str__(self) -> str:
-        return number(self.value, 1, self.form)
-
-
-def numbers(result: Calibration, body: str = "composite") -> list[Number]:
+def numbers(result: Calibration, body: str = "composite") -> list[Quantity]:
     """Return the estimated quantities of a body; without intervals, also the paper's I and C."""
-    shown = numbers_of(getattr(result, body))
-    return shown if result.has_intervals or body != "composite" else shown + list(_excitations(result))
+    found = estimated(getattr(result, body))
+    return found if result.has_intervals or body != "composite" else found + list(_excitations(result))
 
 
-def numbers_of(body: Body) -> list[Number]:
+def estimated(body: Body) -> list[Quantity]:
     """Return the estimated quantities of a body."""
-    return [
-        Number(label, form, _scaled(quantity, factor))
-        for quantity, (_, label, factor, form) in zip(body, ROWS, strict=True)
-        if quantity.value is not None
-    ]
+    return [quantity for quantity in body if quantity.value is not None]
 
 
-def _scaled(quantity: Quantity, factor: float) -> Quantity:
-    values = {name: getattr(quantity, name) for name in ("value", "std", "model", "truth")}
-    return replace(quantity, **{name: None if value is None else value * factor for name, value in values.items()})
-
-
-def _excitations(result: Calibration) -> Iterator[Number]:
+def _excitations(result: Calibration) -> Iterator[Quantity]:
     """Yield moments of inertia I and damping C of the paper."""
     for axis, letter in zip(AXES, "xyz", strict=True):
         if axis in result.moments:
-            yield Number(f"I_{letter} ({axis}) [kg m2]", ".4f", result.moments[axis])
+            yield result.moments[axis]
         excitation = result.excitations.get(axis)
         if excitation is not None and excitation.damping is not None:
-            yield Number(
-                f"C_{letter} ({axis}) [Nm s/rad]", ".3f", Quantity(f"C_{letter}", "Nm s/rad", excitation.damping)
-            )
+            yield Quantity(f"C_{letter}", "Nm s/rad", excitation.damping)
 
 
-def numbers_table(shown: list[Number], title: str) -> DataTable:
+def in_shown_unit(quantity: Quantity, value: float | None, sign: str = "") -> str:
+    """Return a value of a quantity, such as its half width, with the digits of its table; a dash for None.
+
+    Args:
+        value: value in the SI unit.
+        sign: "+" for a sign in front of positive values.
+    """
+    row = SHOWN[quantity.name]
+    return number(value, row.factor, sign + row.form)
+
+
+def numbers_table(found: list[Quantity], title: str) -> DataTable:
     """Return a table of quantities with interval bars, without empty columns."""
-    found = [one.quantity for one in shown]
     present = {
         "|95 % +-": any(one.half_width is not None for one in found),
         "verdict": any(one.verdict for one in found),
@@ -94,25 +64,23 @@ def numbers_table(shown: list[Number], title: str) -> DataTable:
     columns = [
         name for name in ("parameter", "|estimate", "|95 % +-", BAR, *list(present)[1:]) if present.get(name, True)
     ]
-    return DataTable(title, columns, [_cells(one, columns) for one in shown], style="numbers barred")
+    return DataTable(title, columns, [_cells(one, columns) for one in found], style="numbers barred")
 
 
-def _cells(one: Number, columns: list[str]) -> list[str | Cell]:
-    found, form = one.quantity, one.form
+def _cells(found: Quantity, columns: list[str]) -> list[str | Cell]:
     clear = found.half_width is not None and found.change is not None and abs(found.change) > found.half_width
-    error = number(found.error, 1, "+" + form) + " (!)" * found.missed
+    error = in_shown_unit(found, found.error, "+") + " (!)" * found.missed
+    tone = "strong" if clear else "muted" if found.half_width else ""
     by_column: Mapping[str, str | Cell] = {
-        "parameter": one.label,
-        "|estimate": Cell(str(one), "strong"),
-        "|95 % +-": one.half_width,
+        "parameter": SHOWN[found.name].label,
+        "|estimate": Cell(in_shown_unit(found, found.value), "strong"),
+        "|95 % +-": in_shown_unit(found, found.half_width),
         BAR: Cell(bar=found),
         "verdict": Cell(verdict=found.verdict or ""),
-        "|truth": number(found.truth, 1, form),
+        "|truth": in_shown_unit(found, found.truth),
         "|error": Cell(error, "bad" if found.missed else ""),
-        "|model": number(found.model, 1, form),
-        "|change": Cell(
-            number(found.change, 1, "+" + form), "strong" if clear else "muted" if found.half_width else ""
-        ),
+        "|model": in_shown_unit(found, found.model),
+        "|change": Cell(in_shown_unit(found, found.change, "+"), tone),
     }
     return [by_column[column] for column in columns]
 

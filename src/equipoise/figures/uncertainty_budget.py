@@ -18,8 +18,7 @@ def uncertainty_table(result: Calibration) -> DataTable:
         shares = zip(source.shares, largest, strict=False)
         cells = [Cell(_percent(share), "strong" if share == most else "") for share, most in shares]
         rows.append([source.name, *cells, source.remedy])
-    short = (label.split(" [", maxsplit=1)[0].removeprefix("CoM ") for _, label, *_ in _SHOWN)
-    heads = ["source", *(f"|{name}" for name in short), REMEDY]
+    heads = ["source", *(f"|{row.words.removeprefix('CoM ')}" for row in _SHOWN), REMEDY]
     return DataTable("Uncertainty budget: share of each variance [%]", heads, rows, style="shares")
 
 
@@ -30,14 +29,11 @@ def _percent(share: float) -> str:
 def remedies(result: Calibration) -> tuple[str, ...]:
     """Return the largest source of uncertainty of each parameter, with its contribution and remedy."""
     lines: list[str] = []
-    for index, ((_, label, factor, form), quantity) in enumerate(zip(_SHOWN, result.composite, strict=False)):
+    for index, (row, quantity) in enumerate(zip(_SHOWN, result.composite, strict=False)):
         if quantity.half_width is not None:
             source = max(result.uncertainty_budget, key=lambda one, of=index: float(one.shares[of]))
-            whole, part = (
-                quantity.half_width * factor,
-                quantity.half_width * factor * float(source.shares[index]) ** 0.5,
-            )
-            lines.append(
-                f"{label}: +- {whole:{form}}; largest source: {source.name}, +- {part:{form}}: {source.remedy}"
-            )
+            whole = quantity.half_width * row.factor
+            part = whole * float(source.shares[index]) ** 0.5
+            halves = f"+- {whole:{row.form}}; largest source: {source.name}, +- {part:{row.form}}"
+            lines.append(f"{row.label}: {halves}: {source.remedy}")
     return tuple(lines)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.errors import SettingsError
-from equipoise.figures.blocks import Cell, DataTable, PageContents, number
-from equipoise.figures.numbers import Number, legend, numbers
+from equipoise.figures.blocks import Cell, DataTable, PageContents
+from equipoise.figures.numbers import in_shown_unit, legend, numbers
 from equipoise.figures.plan_view import plan_figures, plan_view
 from equipoise.report.contents import alerts
 from equipoise.report.provenance import facts
 from equipoise.result.calibration import Calibration
+from equipoise.result.quantity import Quantity
+from equipoise.result.shown import SHOWN
 
 _SHARED = (
     "The interval of a difference assumes independent errors of the two runs. Runs of one robot share the errors of joint "
@@ -26,13 +28,13 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
     """
     if len(results) < 2:
         raise SettingsError(f"{len(results)} runs cannot be compared; give at least two")
-    shown = {name: {one.label: one for one in numbers(result)} for name, result in results.items()}
+    shown = {name: {one.name: one for one in numbers(result)} for name, result in results.items()}
     _require_shared_parameters(shown, results)
     robots = list(dict.fromkeys(result.robot for result in results.values()))
-    labels = list(dict.fromkeys(label for of_run in shown.values() for label in of_run))
+    parameters = list(dict.fromkeys(parameter for of_run in shown.values() for parameter in of_run))
     first, *others = results
     sections = {
-        "Differences": [_SHARED, *(_differences(labels, shown, first, name) for name in others)],
+        "Differences": [_SHARED, *(_differences(parameters, shown, first, name) for name in others)],
         "Provenance": [_provenance(results)],
     }
     messages = dict.fromkeys(message for result in results.values() for message in legend(result))
@@ -40,13 +42,13 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
         f"{len(results)} runs compared",
         " \u00b7 ".join(robots),
         "" if len(robots) == 1 else f"The runs are of {len(robots)} different robots; the drawing shows the first one.",
-        [_side_by_side(labels, shown), *messages, *plan_figures(plan_view(results))],
+        [_side_by_side(parameters, shown), *messages, *plan_figures(plan_view(results))],
         sections,
         [(f"{name}: {kind.lower()}", message) for name, result in results.items() for kind, message in alerts(result)],
     )
 
 
-def _require_shared_parameters(shown: dict[str, dict[str, Number]], results: dict[str, Calibration]) -> None:
+def _require_shared_parameters(shown: dict[str, dict[str, Quantity]], results: dict[str, Calibration]) -> None:
     for name, of_run in sorted(shown.items(), key=lambda run: len(run[1])):  # a run of motors has none
         others = [other for one, other in shown.items() if one != name]
         if not any(of_run.keys() & other.keys() for other in others):
@@ -56,32 +58,31 @@ def _require_shared_parameters(shown: dict[str, dict[str, Number]], results: dic
             )
 
 
-def _side_by_side(labels: list[str], shown: dict[str, dict[str, Number]]) -> DataTable:
-    rows = [[label, *(_cell(of_run.get(label)) for of_run in shown.values())] for label in labels]
+def _side_by_side(parameters: list[str], shown: dict[str, dict[str, Quantity]]) -> DataTable:
+    rows = [[SHOWN[one].label, *(_cell(of_run.get(one)) for of_run in shown.values())] for one in parameters]
     heads = ["parameter", *(f"|{name}" for name in shown)]
     return DataTable("Estimates of each run with 95 % intervals", heads, rows, style="numbers")
 
 
-def _cell(one: Number | None) -> Cell:
+def _cell(one: Quantity | None) -> Cell:
     if one is None:
         return Cell("-")
-    half = "" if one.quantity.half_width is None else f" +- {one.half_width}"
-    return Cell(f"{one}{half}", verdict=one.quantity.verdict or "")
+    half = "" if one.half_width is None else f" +- {in_shown_unit(one, one.half_width)}"
+    return Cell(in_shown_unit(one, one.value) + half, verdict=one.verdict or "")
 
 
-def _differences(labels: list[str], shown: dict[str, dict[str, Number]], first: str, other: str) -> DataTable:
+def _differences(parameters: list[str], shown: dict[str, dict[str, Quantity]], first: str, other: str) -> DataTable:
     rows: list[list[str | Cell]] = []
-    for label in labels:
-        a, b = shown[first].get(label), shown[other].get(label)
-        if a is None or b is None:
+    for parameter in parameters:
+        a, b = shown[first].get(parameter), shown[other].get(parameter)
+        if a is None or b is None or a.value is None or b.value is None:
             continue
-        difference, form = b.value - a.value, a.form
-        one, two = a.quantity.half_width, b.quantity.half_width
+        difference, one, two = b.value - a.value, a.half_width, b.half_width
         half = None if one is None or two is None else float(np.hypot(one, two))
         differs = half is not None and abs(difference) > half
         finding = "" if half is None else "differs" if differs else "within the interval"
-        cell = Cell(number(difference, 1, "+" + form), "strong" if differs else "")
-        rows.append([label, cell, "" if half is None else number(half, 1, form), finding])
+        cell = Cell(in_shown_unit(a, difference, "+"), "strong" if differs else "")
+        rows.append([SHOWN[parameter].label, cell, "" if half is None else in_shown_unit(a, half), finding])
     return DataTable(f"{other} minus {first}", ["parameter", "|difference", "|95 % +-", ""], rows)
 
 

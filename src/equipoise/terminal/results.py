@@ -177,8 +177,8 @@ def print_plan(robot: str, plan: Forecast) -> None:
     show_table(f"{robot}: about {plan.robot_time:.0f} s of robot time", ["posture", *DIAGONALS], trials)
     columns = [plan.std] if plan.std_without_prior_run is None else [plan.std, plan.std_without_prior_run]
     rows = [
-        [label, *(number(value, factor, form) for value in (model, *(NORMAL_95 * one for one in stds)))]
-        for (_, label, factor, form), model, *stds in zip(ROWS, plan.body, *columns, strict=True)
+        [row.label, *(number(value, row.factor, row.form) for value in (model, *(NORMAL_95 * one for one in stds)))]
+        for row, model, *stds in zip(ROWS, plan.body, *columns, strict=True)
     ]
     heads = ("parameter", "|model", "|95 % +-", "|without prior run")[: 2 + len(columns)]
     show_table("Predicted accuracy, with realistic sensors and a scale", heads, rows)

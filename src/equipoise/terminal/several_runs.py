@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.markup import escape
 
-from equipoise.figures.blocks import number
-from equipoise.figures.numbers import numbers_of, numbers_table
+from equipoise.figures.numbers import estimated, in_shown_unit, numbers_table
 from equipoise.result.legend import verdict_message
 from equipoise.result.shown import ROWS
 from equipoise.terminal.rich_tables import print_table, show_table
@@ -29,11 +28,11 @@ _CHANGES = {
 
 def print_payload_truth(change: PayloadChange) -> None:
     """Print mass and CoM of the payload with their ground truth, if both runs are simulated."""
-    shown = [one for one in numbers_of(change.payload)[:4] if one.quantity.truth is not None]
+    shown = [one for one in estimated(change.payload)[:4] if one.truth is not None]
     if shown:
         table = numbers_table(shown, "Payload and ground truth")
         print_table(Console(), table, without=["verdict", "|model", "|change"])
-    if missed := verdict_message((one.quantity for one in shown), {}):
+    if missed := verdict_message(shown, {}):
         print(missed)
 
 
@@ -44,12 +43,12 @@ def print_payload_change(change: PayloadChange) -> None:
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     verb = "removed" if change.removed else "added"
     title = f"{change.robot}: payload that was {verb}; CoM in the base frame, inertia about its own CoM"
-    print_table(console, numbers_table(numbers_of(change.payload), title), without=["|model", "|change"])
+    print_table(console, numbers_table(estimated(change.payload), title), without=["|model", "|change"])
     if change.payload.com_in_base.x.value is None:
         console.print(_NONE if change.payload.mass.verdict == "no change" else _UNSURE)
     rows = [
-        [label, number(one.value, factor, "+" + form), number(one.half_width, factor, form), one.verdict or ""]
-        for one, (_, label, factor, form) in zip(change.change, ROWS, strict=True)
+        [row.label, in_shown_unit(one, one.value, "+"), in_shown_unit(one, one.half_width), one.verdict or ""]
+        for one, row in zip(change.change, ROWS, strict=True)
     ]
     show_table("Whole robot at its stance, after minus before", ["parameter", "|change", "|95 % +-", ""], rows)
     meanings = verdict_message(change.change, _CHANGES)
