@@ -280,10 +280,10 @@ def test_numbers_are_the_results_in_the_terminals_units(bayesian):
 def test_a_bar_keeps_the_order_of_its_values(bayesian):
     for one in numbers(bayesian):
         places = bar_places(one)
-        assert 0 <= places["lower"] < places["found"] < places["upper"] <= 1
+        assert 0 <= places["lower"] < places["value"] < places["upper"] <= 1
         for kind in ("model", "truth"):
             assert 0 <= places[kind] <= 1
-            assert (places[kind] < places["found"]) == (getattr(one, kind) < one.value)
+            assert (places[kind] < places["value"]) == (getattr(one, kind) < one.value)
 
 
 @pytest.mark.parametrize(

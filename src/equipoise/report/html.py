@@ -103,14 +103,8 @@ def _verdict(word: str) -> str:
 
 def bar_places(found: Quantity) -> dict[str, float]:
     """Return the positions of interval, model value, truth and estimate along a bar, from 0 to 1."""
-    values = {
-        "lower": found.lower,
-        "upper": found.upper,
-        "model": found.model,
-        "truth": found.truth,
-        "found": found.value,
-    }
-    known = {name: value for name, value in values.items() if value is not None}
+    values = {name: getattr(found, name) for name in ("lower", "upper", "model", "truth", "value")}
+    known = {name: float(value) for name, value in values.items() if value is not None}
     low, span = min(known.values()), (max(known.values()) - min(known.values())) or 1.0
     return {name: _MARGIN + (1 - 2 * _MARGIN) * (value - low) / span for name, value in known.items()}
 
@@ -120,7 +114,7 @@ def _bar(found: Quantity) -> str:
     parts = [f'<path class="axis" d="M0 10H{_WIDTH}"/>']
     if "lower" in places:
         parts.append(_band(places["lower"], max(3.0, places["upper"] - places["lower"])))
-    parts += [_mark(kind, places[kind], 10) for kind in ("model", "truth", "found") if kind in places]
+    parts += [_mark(kind, places[kind], 10) for kind in ("model", "truth", "value") if kind in places]
     return f'<svg viewBox="0 0 {_WIDTH} 20" role="img" aria-hidden="true">{"".join(parts)}</svg>'
 
 
@@ -130,7 +124,7 @@ def _band(x: float, width: float) -> str:
 
 def _mark(kind: str, x: float, y: float) -> str:
     """Return the marker of an estimate (dot), a model value (square) or the truth (cross)."""
-    if kind == "found":
+    if kind == "value":
         return f'<circle class="found" cx="{x:.1f}" cy="{y}" r="3"/>'
     if kind == "model":
         return f'<rect class="model" x="{x - 4:.1f}" y="{y - 4}" width="8" height="8"/>'
@@ -145,7 +139,7 @@ def _key(table: DataTable) -> str:
     intervals = any(bar.half_width is not None for bar in bars)
     samples = {
         "95 % interval": _band(0, 16) if intervals else "",
-        "estimate": _mark("found", 8, 10),
+        "estimate": _mark("value", 8, 10),
         "model file": _mark("model", 8, 10) if any(bar.model is not None for bar in bars) else "",
         "truth (simulation)": _mark("truth", 8, 10) if any(bar.truth is not None for bar in bars) else "",
     }
