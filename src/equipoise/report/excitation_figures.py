@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from equipoise.conventions import AXES
+from equipoise.conventions import AXES, FloatArray
 from equipoise.figures.blocks import Block, Figure, axes, line
 from equipoise.paper.equations import AxisFit
 from equipoise.paper.evidence import SearchEvidence
@@ -23,21 +23,17 @@ def excitation_blocks(result: Calibration) -> list[Block]:
 
 
 def _figures(fit: AxisFit) -> list[Figure]:
-    parts = (
-        ("angular velocity [rad/s]", "gyroscope", fit.angular_velocity, fit.sinusoid.value(fit.time)),
-        ("torque about the CoM [Nm]", "joint torques", fit.torque, fit.fitted_torque),
+    frequency = (
+        f"{fit.sinusoid.frequency:.2f} Hz, the frequency of the dominant sinusoid of the gyroscope (equation 3)."
     )
-    captions = (
-        f"{fit.sinusoid.frequency:.2f} Hz, the frequency of the dominant sinusoid of the gyroscope (equation 3).",
-        f"I = {fit.inertia:.4f} kg m2, C = {fit.damping:.3f} Nm s/rad, by least squares (equation 5).",
-    )
+    moments = f"I = {fit.inertia:.4f} kg m2, C = {fit.damping:.3f} Nm s/rad, by least squares (equation 5)."
+    rate, sinusoid = fit.angular_velocity, fit.sinusoid.value(fit.time)
     return [
-        Figure(
-            f"Excitation about {fit.axis}: {name}",
-            caption,
-            [line(fit.time, measured, "measured", 0), line(fit.time, fitted, "fit", 1)],
-            axes("time [s]", label),
-            height=260,
-        )
-        for (label, name, measured, fitted), caption in zip(parts, captions, strict=True)
+        _figure(fit, "gyroscope", frequency, "angular velocity [rad/s]", rate, sinusoid),
+        _figure(fit, "joint torques", moments, "torque about the CoM [Nm]", fit.torque, fit.fitted_torque),
     ]
+
+
+def _figure(fit: AxisFit, name: str, caption: str, label: str, measured: FloatArray, fitted: FloatArray) -> Figure:
+    lines = [line(fit.time, measured, "measured", 0), line(fit.time, fitted, "fit", 1)]
+    return Figure(f"Excitation about {fit.axis}: {name}", caption, lines, axes("time [s]", label), height=260)
