@@ -149,12 +149,8 @@ def _refuse_doubtful(result: Calibration, force: bool) -> None:
 
 
 def _with_verdict(result: Calibration, bodies: Iterable[str], verdict: str) -> list[str]:
-    return [
-        f"{body} {quantity.name}"
-        for body in bodies
-        for quantity in getattr(result, body)
-        if quantity.verdict == verdict
-    ]
+    named = ((f"{body} {quantity.name}", quantity) for body in bodies for quantity in getattr(result, body))
+    return [name for name, quantity in named if quantity.verdict == verdict]
 
 
 def _names(columns: Iterable[Column], verdict: str) -> list[str]:

@@ -184,16 +184,9 @@ def export(
         name = name.with_stem("_".join((*stem, *parts)))
     if payload_link:
         name = name.with_stem(f"{name.stem}_payload")
-    header = subject.header(written.about, *written.notes)
-    return Export(
-        replace(row, bodies=bodies, parts=parts),
-        written.content,
-        name.name,
-        header,
-        written.notes + subject.notes,
-        parts,
-        subject.contents,
-    )
+    header, notes = subject.header(written.about, *written.notes), written.notes + subject.notes
+    row = replace(row, bodies=bodies, parts=parts)
+    return Export(row, written.content, name.name, header, notes, parts, contents)
 
 
 def export_all(

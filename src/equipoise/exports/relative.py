@@ -198,12 +198,8 @@ def _compared(subject: Subject) -> tuple[dict[str, Rows], FloatArray, tuple[str,
     for kind, origin in (("log_cholesky", np.eye(4)), ("stretch", pair[0])):
         entries = randomisation.entries_between(drawn, origin)
         ends = np.quantile(entries, randomisation.QUANTILES, axis=0)
-        rows[kind] = _table(
-            dict.fromkeys(randomisation.ENTRIES, "1"),
-            randomisation.entries_between(pair, origin),
-            entries.std(axis=0),
-            ends,
-        )
+        values = randomisation.entries_between(pair, origin)
+        rows[kind] = _table(dict.fromkeys(randomisation.ENTRIES, "1"), values, entries.std(axis=0), ends)
     return rows, covariance, notes
 
 

@@ -42,18 +42,14 @@ def run_contents(result: Calibration, run: str = "RUN") -> PageContents:
         "Checks": _checks(result),
         "Provenance": provenance_blocks(result),
     }
-    first = [parts_of(result)[0].table()] if alone else [numbers_table(numbers(result), HEADINGS["composite"])]
-    words = () if alone else legend(result)
-    view = plan_figures(plan_view({result.robot: result}, lift_planes(result)))
-    return PageContents(
-        result.robot,
-        _subtitle(result),
-        _lead(result),
-        [*first, *words, *view],
-        {title: blocks for title, blocks in sections.items() if blocks},
-        alerts(result),
-        action_blocks(result, run),
+    first: list[Block] = (
+        [parts_of(result)[0].table()] if alone else [numbers_table(numbers(result), HEADINGS["composite"])]
     )
+    words = () if alone else legend(result)
+    first = [*first, *words, *plan_figures(plan_view({result.robot: result}, lift_planes(result)))]
+    subtitle, lead, actions = _subtitle(result), _lead(result), action_blocks(result, run)
+    below = {title: blocks for title, blocks in sections.items() if blocks}
+    return PageContents(result.robot, subtitle, lead, first, below, alerts(result), actions)
 
 
 def alerts(result: Calibration) -> list[tuple[str, str]]:

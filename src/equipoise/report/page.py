@@ -25,6 +25,7 @@ from equipoise.user_file import typed, write_file
 
 REPORT = "report.html"
 _GRID = "#dde1e5"
+_FONTS = "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif"
 _AXIS = {
     "gridcolor": _GRID, "zerolinecolor": _GRID, "linecolor": MUTED, "tickcolor": _GRID, "ticks": "outside",
     "automargin": True,
@@ -32,11 +33,7 @@ _AXIS = {
 _TEMPLATE: Trace = {
     "layout": {
         "colorway": SERIES,
-        "font": {
-            "family": "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif",
-            "size": 12,
-            "color": INK,
-        },
+        "font": {"family": _FONTS, "size": 12, "color": INK},
         "margin": {"l": 56, "r": 12, "t": 28, "b": 44},
         "paper_bgcolor": "#ffffff",
         "plot_bgcolor": "rgba(0,0,0,0)",

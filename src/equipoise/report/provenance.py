@@ -15,11 +15,8 @@ def facts(result: Calibration) -> dict[str, str]:
     """Return version, model, seed, time and platform, by name."""
     model = {f"model {name.replace('_', ' ')}": str(value) for name, value in result.model.items()}
     repairs = () if result.robot_model is None else result.robot_model.source.repairs
-    about = {
-        "robot": result.robot,
-        "method": result.method,
-        **({"feet": result.feet} if result.feet else {}),
-    }
+    feet = {"feet": result.feet} if result.feet else {}
+    about = {"robot": result.robot, "method": result.method, **feet}
     repaired = {"model repairs": "; ".join(repairs)} if repairs else {}
     return {**about, **dict(_flat(result.provenance, "none")), **model, **repaired}
 

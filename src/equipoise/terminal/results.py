@@ -35,18 +35,11 @@ class TrialProgress:
     def __init__(self, quiet: bool) -> None:
         self._console = Console(stderr=True)
         self._quiet = quiet
-        self._live = Progress(
-            SpinnerColumn(),
-            BarColumn(bar_width=14),
-            TextColumn("about"),
-            TimeRemainingColumn(compact=True),
-            TextColumn("left:"),
-            TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
-            expand=True,
-            console=self._console,
-            transient=True,
-            disable=quiet or not self._console.is_terminal,
-        )
+        left = (TextColumn("about"), TimeRemainingColumn(compact=True), TextColumn("left:"))
+        motion = TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"))
+        columns = (SpinnerColumn(), BarColumn(bar_width=14), *left, motion)
+        silent = quiet or not self._console.is_terminal
+        self._live = Progress(*columns, expand=True, console=self._console, transient=True, disable=silent)
         self._task = self._live.add_task("standing up", total=None)
 
     def update(self, progress: RoutineProgress) -> None:
@@ -197,16 +190,11 @@ def print_plan(robot: str, plan: Forecast) -> None:
 def print_audit(result: Audit) -> None:
     """Print the bodies of a model file and the audit's findings."""
     console = Console()
-    rows = [
-        [
-            body.name,
-            f"{body.mass:.3f}",
-            " ".join(f"{value * 1000:.1f}" for value in body.com_in_link),
-            " ".join(f"{value:.3g}" for value in body.principal_moments),
-            f"{body.radius_of_gyration * 1000:.0f}",
-        ]
-        for body in result.bodies
-    ]
+    rows: list[list[str]] = []
+    for body in result.bodies:
+        com = " ".join(f"{value * 1000:.1f}" for value in body.com_in_link)
+        moments = " ".join(f"{value:.3g}" for value in body.principal_moments)
+        rows.append([body.name, f"{body.mass:.3f}", com, moments, f"{body.radius_of_gyration * 1000:.0f}"])
     heads = ["body", "|mass [kg]", "|CoM in link [mm]", "|principal moments [kg m2]", "|gyration [mm]"]
     show_table(f"{result.robot}: {result.mass:.3f} kg", heads, rows)
     if result.composite is not None and result.stance is not None:
