@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from equipoise._version import __version__
-from equipoise.errors import EquipoiseError, NotEstimatedError, SettingsError, did_you_mean
+from equipoise.errors import EquipoiseError, SettingsError, did_you_mean
 from equipoise.exports import controllers, learning, mjcf, relative, sdf, sensors_and_motors, tables, urdf, usd, xacro
 from equipoise.exports.acceptance import accept_bodies, accept_columns, require_within_robot
 from equipoise.exports.format import Format
@@ -271,11 +271,7 @@ def _has(result: Calibration, part: str) -> bool:
     """Return whether a run estimated a part."""
     if part != BASE:
         return bool(columns_of(result, part))
-    try:
-        result.composite.parameters()
-    except NotEstimatedError:
-        return False
-    return True
+    return all(quantity.value is not None for quantity in result.composite)
 
 
 def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int, seed: int) -> None:
