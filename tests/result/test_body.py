@@ -113,7 +113,7 @@ def test_the_error_names_missing_parameters(body, missing):
 
 
 def test_errors_exist_where_estimate_and_truth_exist():
-    partial = Body.partial(mass=6.0, com_in_base=(0.01, None, None)).with_truth(BASE)
+    partial = Body.of([6.0, 0.01, *8 * [np.nan]]).with_truth(BASE)
     assert partial.numbers("error") == {
         "mass": pytest.approx(-0.2), "com_in_base": [pytest.approx(-0.01), None, None], "inertia": None,
     }  # fmt: skip
@@ -152,4 +152,4 @@ def test_doubted_raises_standard_deviations_to_the_lower_bounds():
 
 
 def test_doubted_adds_no_verdicts():
-    assert {quantity.verdict for quantity in Body.partial(mass=6.0).doubted()} == {None}
+    assert {quantity.verdict for quantity in Body.of([6.0, *9 * [np.nan]]).doubted()} == {None}

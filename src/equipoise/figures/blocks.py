@@ -146,9 +146,9 @@ def level(y: float, words: str = "", colour: str = MUTED, dash: str = "dash") ->
     return {"type": "line", **ends, "line": {"color": colour, "dash": dash, "width": 1}, "label": label}
 
 
-def upright(x: float, words: str = "", colour: str = MUTED, dash: str = "dash") -> Trace:
+def upright(x: float, words: str = "", colour: str = MUTED) -> Trace:
     """Return a layout shape: a vertical line across the figure, with a label."""
-    shape = level(x, words, colour, dash)
+    shape = level(x, words, colour)
     shape["label"] |= {"textangle": 0, "xanchor": "left", "yanchor": "top"}
     return {**shape, "xref": "x", "x0": x, "x1": x, "yref": "paper", "y0": 0, "y1": 1}
 

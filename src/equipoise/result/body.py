@@ -153,13 +153,10 @@ class Body(_Group):
 
     @classmethod
     def partial(
-        cls,
-        model: InertialParameters | None = None,
-        mass: float | None = None,
-        com_in_base: Sequence[float | None] = (None, None, None),
+        cls, model: InertialParameters | None = None, com_in_base: Sequence[float | None] = (None, None, None)
     ) -> Body:
-        """Return a body without inertia or intervals, from a mass [kg] and CoM coordinates in the base frame [m]."""
-        return cls.of(_with_nan([mass, *com_in_base, *6 * [None]]), model=model)
+        """Return a body without mass, inertia or intervals, from CoM coordinates in the base frame [m]."""
+        return cls.of(_with_nan([None, *com_in_base, *6 * [None]]), model=model)
 
     @classmethod
     def _of(cls, ten: Sequence[Quantity], covariance: FloatArray | None) -> Body:

@@ -30,14 +30,13 @@ _CONTACTS = (
 )
 
 
-def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = False) -> None:
+def print_log_report(report: LogReport, verbose: bool = False) -> None:
     """Print the source of the log's data, its joints, its segments and the findings.
 
     Args:
         verbose: true for a row per segment and per joint.
-        stderr: true to print on stderr.
     """
-    console = Console(stderr=stderr)
+    console = Console()
     for name, value in report.log.about.items():
         console.print(escape(f"{name}: {value}"))
     _print_joints(console, report, verbose)
