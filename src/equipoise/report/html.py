@@ -58,13 +58,8 @@ def _figure(figure: Figure) -> str:
 
 
 def _table(table: DataTable) -> str:
-    heads = [head.removeprefix("|") for head in table.columns]
-    numbers = [head.startswith("|") for head in table.columns]
-    top = "".join(
-        f'<th scope="col"{_class(number=right)}>{typeset(head)}</th>'
-        for head, right in zip(heads, numbers, strict=True)
-    )
-    rows = "".join(f"<tr>{_row(row, heads, numbers)}</tr>" for row in table.rows)
+    top = "".join(map(_heading, table.columns))
+    rows = "".join(f"<tr>{_row(row, table.columns)}</tr>" for row in table.rows)
     title = typeset(table.title)
     made = (
         f'<table class="{table.style}" aria-label="{title}"><thead><tr>{top}</tr></thead><tbody>{rows}</tbody></table>'
@@ -75,13 +70,19 @@ def _table(table: DataTable) -> str:
     return f'<div class="table"><p class="caption">{title}</p>{made}{_key(table)}</div>'
 
 
-def _row(row: Sequence[str | Cell], heads: Sequence[str], numbers: Sequence[bool]) -> str:
+def _heading(column: str) -> str:
+    number = column.startswith("|")
+    return f'<th scope="col"{_class(number=number)}>{typeset(column.removeprefix("|"))}</th>'
+
+
+def _row(row: Sequence[str | Cell], columns: Sequence[str]) -> str:
     cells: list[str] = []
     made = [cell if isinstance(cell, Cell) else Cell(cell) for cell in row]
-    for index, (cell, head, right) in enumerate(zip(made, heads, numbers, strict=True)):
+    for index, (cell, column) in enumerate(zip(made, columns, strict=True)):
+        head = column.removeprefix("|")
         tag = "td" if index else 'th scope="row"'
         kinds = {
-            "number": right,
+            "number": column.startswith("|"),
             "long": len(cell.text) > LONG,
             "secondary": head in _SECONDARY,
             cell.tone: bool(cell.tone),
