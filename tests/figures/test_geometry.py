@@ -57,14 +57,14 @@ def test_the_built_in_robot_has_its_own_simple_bodies(a1):
     assert [shape.joint for shape in shapes] == sorted(shape.joint for shape in shapes)
     base = shapes[0]
     assert (base.joint, base.part, base.kind) == (BASE_JOINT, "base", "box")
-    assert np.allclose(np.ptp(base.mesh.vertices, axis=0), (0.267, 0.194, 0.114))
+    assert np.allclose(np.ptp(base.vertices, axis=0), (0.267, 0.194, 0.114))
     feet = [shape for shape in shapes if shape.kind == "sphere"]
     assert sorted(shape.joint for shape in feet) == sorted(leg.joint_ids[-1] for leg in a1.legs.values())
     for foot in feet:  # where the model has them, in the frame of the joint that carries them
         leg = next(leg for leg in a1.legs.values() if leg.joint_ids[-1] == foot.joint)
         middle = a1.pinocchio.frames[leg.foot_frame_id].placement.translation
-        assert np.allclose(foot.mesh.vertices.mean(axis=0), middle, atol=1e-12)
-        assert np.ptp(foot.mesh.vertices[:, 2]) == pytest.approx(2 * leg.foot_radius)
+        assert np.allclose(foot.vertices.mean(axis=0), middle, atol=1e-12)
+        assert np.ptp(foot.vertices[:, 2]) == pytest.approx(2 * leg.foot_radius)
 
 
 @pytest.mark.parametrize("kind", ["urdf", "urdf of two joints a leg", "mjcf"])
@@ -78,7 +78,7 @@ def test_links_without_any_shape_get_one(tmp_path, kind):
         assert {*leg.joint_ids[-2:]} <= carried
         (shank,) = (s for s in shapes if s.joint == leg.joint_ids[-1] and s.kind == "capsule")
         foot = robot.pinocchio.frames[leg.foot_frame_id].placement.translation
-        near = np.linalg.norm(shank.mesh.vertices - foot, axis=1).min()
+        near = np.linalg.norm(shank.vertices - foot, axis=1).min()
         assert near <= 0.6 * LIMB_RADIUS_RATIO * robot.leg_length + 1e-9, "its capsule reaches to the foot"
 
 
@@ -101,7 +101,7 @@ def test_meshes_of_the_users_file_are_used_until_it_changes(tmp_path):
     robot = load_text(tmp_path, text)
     (mesh,) = (shape for shape in robot_shapes(robot) if shape.kind == "mesh")
     assert mesh.part == "base"
-    assert np.allclose(np.ptp(mesh.mesh.vertices, axis=0), [0.4, 0.2, 0])
+    assert np.allclose(np.ptp(mesh.vertices, axis=0), [0.4, 0.2, 0])
     robot.source.path.write_text(text + " ", encoding="utf-8")
     assert not any(shape.kind == "mesh" for shape in robot_shapes(robot)), "it is another file now"
     robot.source.path.write_text(text, encoding="utf-8")

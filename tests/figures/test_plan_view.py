@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from equipoise.experiments.tilt import SupportPlane
-from equipoise.figures.lift_planes import lift_planes
-from equipoise.figures.plan_view import PlanLine, _ellipse, plan_view
+from equipoise.figures.plan_view import PlanLine, _ellipse, lift_planes, plan_view
 from equipoise.robot.model import DIAGONALS
 
 
@@ -56,7 +55,7 @@ def test_the_planes_of_the_lifts_pass_near_the_com(bayesian):
 
 
 def test_the_papers_lifts_have_their_verdicts(paper):
-    view = plan_view({"a1": paper}, lift_planes(paper))
+    view = plan_view({"a1": paper})
     trials = [trial for trial in paper.trials if trial.kind == "lift"]
     assert [(line.diagonal, line.verdict) for line in view.lifts] == [(trial.about, trial.verdict) for trial in trials]
     assert view.balanced
@@ -65,7 +64,7 @@ def test_the_papers_lifts_have_their_verdicts(paper):
 
 
 def test_a_method_that_finds_no_lines_has_those_through_the_feet(bayesian):
-    view = plan_view({"a1": bayesian}, lift_planes(bayesian))
+    view = plan_view({"a1": bayesian})
     assert not view.balanced
     at = view.feet
     for line in view.support_lines:

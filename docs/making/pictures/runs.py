@@ -9,7 +9,6 @@ from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, draw_com, new_figure
 
 from equipoise import BayesianMethod, calibrate, find_payload_change, load_robot, nominal_stance, simulate
 from equipoise.bayesian.routine import plan_ahead
-from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.plan_view import plan_view
 from equipoise.method.table import method_named
 from equipoise.robot.model import DIAGONALS
@@ -40,7 +39,7 @@ def draw_result() -> Figure:
     result = _run("bayesian", mass=13.4)[0]
     figure = new_figure(8.2, 3.7)
     left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.25])
-    view = plan_view({result.robot: result}, lift_planes(result))
+    view = plan_view({result.robot: result})
     for line in view.lifts:
         ends = 1000 * line.piece(view.centre, 0.04)
         left.plot(ends[:, 1], ends[:, 0], color=_COLOURS[line.diagonal], linewidth=0.9, alpha=0.5)

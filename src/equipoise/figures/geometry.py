@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from equipoise.clearance.shapes import robot_shapes as simple_shapes
+from equipoise.clearance.stand_ins import BASE_JOINT
 from equipoise.conventions import FloatArray
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
 IntArray = NDArray[np.int64]
-Kind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
 Part = Literal["base", "hip", "thigh", "shank"]
 
+_SIMPLE = ("box", "sphere", "cylinder", "capsule")
 _AROUND = 24  # edges around a round body
 _MOST_FACES = 20_000  # per mesh, before simplification: some models have very fine meshes
 MOST_FACES_ON_PAGE = 1200
@@ -35,15 +36,21 @@ _FACES_OF_GRID = 3.0  # faces of a simplified mesh, over the square of the numbe
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangle mesh.
+    """Triangle mesh of one shape.
 
     Attributes:
         vertices: (n, 3) [m].
         faces: (m, 3) indices of vertices, anticlockwise seen from outside.
+        kind: type of the shape, "box", "sphere", "cylinder", "capsule" or "mesh".
+        joint: Pinocchio id of the joint that carries the shape; 1 is the base.
+        part: part of the robot.
     """
 
     vertices: FloatArray
     faces: IntArray
+    kind: str = "mesh"
+    joint: int = BASE_JOINT
+    part: Part = "base"
 
     def normals(self) -> FloatArray:
         """Return (n, 3) unit normals at the vertices: area-weighted means over the adjacent faces."""
@@ -55,28 +62,11 @@ class Mesh:
 
     def moved(self, place: pin.SE3) -> Mesh:
         """Return the mesh transformed by a placement."""
-        return Mesh(self.vertices @ np.array(place.rotation).T + np.array(place.translation), self.faces)
+        return replace(self, vertices=self.vertices @ np.array(place.rotation).T + np.array(place.translation))
 
 
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """Shape on one link.
-
-    Attributes:
-        joint: Pinocchio id of the joint that carries the shape; 1 is the base.
-        part: part of the robot.
-        kind: type of the shape.
-        mesh: its triangles in the joint's frame [m].
-    """
-
-    joint: int
-    part: Part
-    kind: Kind
-    mesh: Mesh
-
-
-def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Shape, ...]:
-    """Return all shapes of a robot, those of the base first.
+def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Mesh, ...]:
+    """Return all shapes of a robot in the frames of their joints, those of the base first.
 
     Args:
         most_faces: approximate largest number of faces of a mesh; finer meshes are simplified.
@@ -90,14 +80,14 @@ def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Shap
     return tuple(sorted(found, key=lambda shape: shape.joint))
 
 
-def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: FloatArray) -> list[Mesh]:
-    """Return the meshes of shapes in the base frame [m].
+def at_posture(robot: RobotModel, shapes: Iterable[Mesh], joint_position: FloatArray) -> list[Mesh]:
+    """Return shapes in the base frame.
 
     Args:
         joint_position: (nj,) leg joint positions [rad].
     """
     poses = Kinematics(robot).joint_poses(joint_position)
-    return [shape.mesh.moved(poses[shape.joint]) for shape in shapes]
+    return [shape.moved(poses[shape.joint]) for shape in shapes]
 
 
 def box(x: float, y: float, z: float) -> Mesh:
@@ -139,7 +129,7 @@ def _convex(points: FloatArray) -> Mesh:
     return Mesh(points[used], faces.reshape(-1, 3))
 
 
-def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
+def _visuals(robot: RobotModel, most_faces: int) -> list[Mesh]:
     """Return the visuals of the user's model file, on links of the same names; empty if one of its files was changed."""
     path = robot.source.path
     try:
@@ -149,7 +139,7 @@ def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
     except (OSError, ValueError, RuntimeError, IndexError):
         return []
     links = {str(f.name): f for f in robot.pinocchio.frames if f.type == pin.FrameType.BODY}
-    found: list[Shape] = []
+    found: list[Mesh] = []
     for shape in geometry.geometryObjects:
         theirs = model.frames[shape.parentFrame]
         if (ours := links.get(str(theirs.name))) is not None:
@@ -168,31 +158,33 @@ def _read(path: Path, model_format: str) -> tuple[pin.Model, pin.GeometryModel]:
     return model, pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.VISUAL, package_dirs=folders)
 
 
-def _drawn(
-    robot: RobotModel, joint: int, shape: pin.GeometryObject, placement: pin.SE3, most_faces: int
-) -> list[Shape]:
+def _drawn(robot: RobotModel, joint: int, shape: pin.GeometryObject, placement: pin.SE3, most_faces: int) -> list[Mesh]:
     """Return one shape of Pinocchio to draw; none for kinds that are not drawn."""
-    form = _form(shape, most_faces)
-    return [] if form is None else [Shape(joint, _part(robot, joint), form[0], form[1].moved(placement))]
+    mesh = _triangles(shape, most_faces)
+    if mesh is None:
+        return []
+    kind = type(shape.geometry).__name__.lower()
+    kind = kind if kind in _SIMPLE else "mesh"
+    return [replace(mesh.moved(placement), kind=kind, joint=joint, part=_part(robot, joint))]
 
 
-def _form(shape: Any, most_faces: int) -> tuple[Kind, Mesh] | None:
-    """Return kind and triangles of a Pinocchio shape in its own axes; None for unsupported ones such as planes."""
+def _triangles(shape: Any, most_faces: int) -> Mesh | None:
+    """Return the triangles of a Pinocchio shape in its own axes; None for unsupported ones such as planes."""
     geometry = shape.geometry
     name = type(geometry).__name__
     if name == "Box":
-        return "box", box(*(2 * float(half) for half in geometry.halfSide))
+        return box(*(2 * float(half) for half in geometry.halfSide))
     if name == "Sphere":
-        return "sphere", sphere(float(geometry.radius))
+        return sphere(float(geometry.radius))
     if name == "Cylinder":
-        return "cylinder", cylinder(float(geometry.radius), 2 * float(geometry.halfLength))
+        return cylinder(float(geometry.radius), 2 * float(geometry.halfLength))
     if name == "Capsule":
-        return "capsule", capsule(float(geometry.radius), 2 * float(geometry.halfLength))
+        return capsule(float(geometry.radius), 2 * float(geometry.halfLength))
     if not hasattr(geometry, "tri_indices"):
         return None
     triangles = (geometry.tri_indices(index) for index in range(geometry.num_tris))
     faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
-    return "mesh", _coarser(_mended(Mesh(np.array(geometry.vertices(), dtype=float), faces)), most_faces)
+    return _coarser(_mended(Mesh(np.array(geometry.vertices(), dtype=float), faces)), most_faces)
 
 
 def _mended(mesh: Mesh) -> Mesh:

@@ -10,10 +10,13 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.reading import planes_through_com
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.figures.blocks import DASHES, INK, MUTED, ROBOT, SERIES, Figure, Trace, number, plain, short
 from equipoise.figures.geometry import MOST_FACES_ON_PAGE, Mesh, at_posture, robot_shapes
 from equipoise.method.reading import LiftPlane
+from equipoise.paper.evidence import SearchEvidence
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import ellipsoid_95
 from equipoise.robot.kinematics import foot_positions
@@ -117,12 +120,11 @@ class PlanView:
         return [mark for mark in self.marks if mark.kind == "found"]
 
 
-def plan_view(results: Mapping[str, Calibration], lifts: Sequence[LiftPlane] = ()) -> PlanView | None:
-    """Return the view of one result with model and truth, or of several results with the first robot.
+def plan_view(results: Mapping[str, Calibration]) -> PlanView | None:
+    """Return the view of one result with its lifts, model and truth, or of several results with the first robot.
 
     Args:
         results: results by the name to show.
-        lifts: planes of all lifts, if there is one result.
 
     Returns:
         None if no result has an estimate of CoM x and y.
@@ -138,7 +140,7 @@ def plan_view(results: Mapping[str, Calibration], lifts: Sequence[LiftPlane] = (
     height = float(first.nominal.composite.com[2]) if z.value is None else z.value
     cuts = [
         PlanLine.cut(lift.diagonal, lift.plane, height, lift.verdict)
-        for lift in lifts
+        for lift in (lift_planes(first) if alone else ())
         if np.linalg.norm(lift.plane.normal[:2]) > _UPRIGHT
     ]
     lines = _balanced(first, height) or _through_feet(feet)
@@ -146,13 +148,30 @@ def plan_view(results: Mapping[str, Calibration], lifts: Sequence[LiftPlane] = (
     return PlanView(tuple(marks), *_close_up(marks), tuple(cuts), tuple(lines), balanced, feet, outlines)
 
 
+def lift_planes(result: Calibration) -> Sequence[LiftPlane]:
+    """Return the support planes of `paper` lifts, or the planes through the CoM from `bayesian` lifts.
+
+    The result is empty without evidence, as from a JSON file.
+    """
+    evidence, robot = result.evidence, result.robot_model
+    if isinstance(evidence, SearchEvidence):
+        lifts = [(index, trial) for index, trial in enumerate(result.trials) if trial.kind == "lift"]
+        return [
+            LiftPlane(index, lift.about, tried.plane, lift.verdict)
+            for (index, lift), tried in zip(lifts, evidence.lifts, strict=True)
+            if tried.plane is not None
+        ]
+    if isinstance(evidence, PosteriorEvidence) and robot is not None:
+        return planes_through_com(robot, result.nominal.composite.com, evidence.posterior.motions)
+    return []
+
+
 def _robot(result: Calibration, robot: RobotModel) -> tuple[dict[str, FloatArray], tuple[FloatArray, ...]]:
     """Return the feet and the outlines of a result's robot at its stance."""
     joint_position = np.array([result.joint_position[name] for name in robot.joint_names])
-    shapes = robot_shapes(robot, MOST_FACES_ON_PAGE)
-    meshes = list(zip(shapes, at_posture(robot, shapes, joint_position), strict=True))
-    base = [mesh for shape, mesh in meshes if shape.part == "base"]
-    legs = [[mesh] for shape, mesh in meshes if shape.part != "base"]
+    shapes = at_posture(robot, robot_shapes(robot, MOST_FACES_ON_PAGE), joint_position)
+    base = [shape for shape in shapes if shape.part == "base"]
+    legs = [[shape] for shape in shapes if shape.part != "base"]
     feet: dict[str, FloatArray] = dict(zip(LEG_NAMES, foot_positions(robot, joint_position)[:, :2], strict=True))
     return feet, tuple(_hull(part) for part in (base, *legs))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from equipoise.figures.blocks import Block, Cell, DataTable, PageContents
-from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.numbers import HEADINGS, legend, not_estimated, numbers, numbers_table
 from equipoise.figures.parts import motors_alone, parts_of
 from equipoise.figures.plan_view import plan_figures, plan_view
@@ -46,7 +45,7 @@ def run_contents(result: Calibration, run: str = "RUN") -> PageContents:
         [parts_of(result)[0].table()] if alone else [numbers_table(numbers(result), HEADINGS["composite"])]
     )
     words = () if alone else legend(result)
-    first = [*first, *words, *plan_figures(plan_view({result.robot: result}, lift_planes(result)))]
+    first = [*first, *words, *plan_figures(plan_view({result.robot: result}))]
     subtitle, lead, actions = _subtitle(result), _lead(result), action_blocks(result, run)
     below = {title: blocks for title, blocks in sections.items() if blocks}
     return PageContents(result.robot, subtitle, lead, first, below, alerts(result), actions)

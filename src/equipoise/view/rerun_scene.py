@@ -155,9 +155,9 @@ class Scene:
     def _log_static(self) -> None:
         rr, size = self._rr, self._size
         for number, shape in enumerate(robot_shapes(self._robot)):
-            mesh, colour = shape.mesh, (*_COLOURS[shape.part], 110 if shape.part == "base" else 255)
+            colour = (*_COLOURS[shape.part], 110 if shape.part == "base" else 255)
             drawn = rr.Mesh3D(
-                vertex_positions=mesh.vertices, triangle_indices=mesh.faces, vertex_normals=mesh.normals(),
+                vertex_positions=shape.vertices, triangle_indices=shape.faces, vertex_normals=shape.normals(),
                 albedo_factor=colour,
             )  # fmt: skip
             self._stream.log(f"world/robot/{self._links[shape.joint - 1]}/{number}", drawn, static=True)
