@@ -53,17 +53,12 @@ def in_shown_unit(quantity: Quantity, value: float | None, sign: str = "") -> st
 
 def numbers_table(found: list[Quantity], title: str) -> DataTable:
     """Return a table of quantities with interval bars, without empty columns."""
-    present = {
-        "|95 % +-": any(one.half_width is not None for one in found),
-        "verdict": any(one.verdict for one in found),
-        "|truth": any(one.truth is not None for one in found),
-        "|error": any(one.truth is not None for one in found),
-        "|model": any(one.model is not None for one in found),
-        "|change": any(one.model is not None for one in found),
-    }
-    columns = [
-        name for name in ("parameter", "|estimate", "|95 % +-", BAR, *list(present)[1:]) if present.get(name, True)
-    ]
+
+    def given(attribute: str) -> bool:
+        return any(getattr(one, attribute) is not None for one in found)
+
+    columns = ["parameter", "|estimate", *["|95 % +-"] * given("half_width"), BAR, *["verdict"] * given("verdict")]
+    columns += ["|truth", "|error"] * given("truth") + ["|model", "|change"] * given("model")
     return DataTable(title, columns, [_cells(one, columns) for one in found], style="numbers barred")
 
 
