@@ -213,19 +213,11 @@ def _table(units: dict[str, str], values: FloatArray, stds: FloatArray, ends: Fl
         ends: (2, n) bounds of the intervals of the run's numbers.
     """
     columns = np.vstack([values.round(_DIGITS), stds, ends - values[0]]).T.tolist()
-    return {
-        name: {
-            "unit": unit,
-            "model": model,
-            "run": run,
-            "difference": run - model,
-            "std": std,
-            "lower": lower,
-            "upper": upper,
-            "significant": not lower <= 0 <= upper,
-        }
-        for (name, unit), (model, run, std, lower, upper) in zip(units.items(), columns, strict=True)
-    }
+    rows: Rows = {}
+    for (name, unit), (model, run, std, lower, upper) in zip(units.items(), columns, strict=True):
+        numbers = {"model": model, "run": run, "difference": run - model, "std": std, "lower": lower, "upper": upper}
+        rows[name] = {"unit": unit, **numbers, "significant": not lower <= 0 <= upper}
+    return rows
 
 
 def _legs_note(subject: Subject) -> tuple[str, ...]:

@@ -66,14 +66,11 @@ def columns_table(columns: Iterable[Column]) -> dict[str, Any]:
     """Return values, standard deviations and verdicts of sensors and motors, by part and name."""
     table: dict[str, Any] = {}
     for column in columns:
-        found = column.values.items()
-        table.setdefault(column.part, {})[column.name] = {
-            "unit": column.unit,
-            "meaning": column.meaning,
-            "value": {key: column.number(key) for key in column.values},
-            "std": {key: float(quantity.std or 0.0) for key, quantity in found},
-            "verdict": {key: quantity.verdict for key, quantity in found},
-        }
+        value = {key: column.number(key) for key in column.values}
+        std = {key: float(quantity.std or 0.0) for key, quantity in column.values.items()}
+        verdict = {key: quantity.verdict for key, quantity in column.values.items()}
+        row = {"unit": column.unit, "meaning": column.meaning, "value": value, "std": std, "verdict": verdict}
+        table.setdefault(column.part, {})[column.name] = row
     return table
 
 

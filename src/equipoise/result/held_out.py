@@ -98,12 +98,9 @@ class HeldOut:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
-        return {
-            "folds": self.folds,
-            "errors": {body: self.error(body) for body in self.bodies},
-            "inside": {body: self.inside(body) for body in self.bodies},
-            "lifts": to_json(self.lifts),
-        }
+        errors = {body: self.error(body) for body in self.bodies}
+        inside = {body: self.inside(body) for body in self.bodies}
+        return {"folds": self.folds, "errors": errors, "inside": inside, "lifts": to_json(self.lifts)}
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> HeldOut:

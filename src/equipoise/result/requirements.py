@@ -39,11 +39,8 @@ def verdicts(body: Body, checks: Iterable[Check]) -> dict[str, bool]:
     estimated = [quantity for quantity in body if quantity.value is not None]
     own = {quantity.name: _identified(quantity) for quantity in body}
     checked = [check.passed for check in checks]
-    return {
-        "identified": bool(estimated) and all(map(_identified, estimated)),
-        "checks": bool(checked) and all(checked),
-        **own,
-    }
+    identified = bool(estimated) and all(map(_identified, estimated))
+    return {"identified": identified, "checks": bool(checked) and all(checked), **own}
 
 
 def _identified(quantity: Quantity) -> bool:
