@@ -91,21 +91,24 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     angle = integral(imu.time, imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T)
 
     def unexplained(offset: float, correction: FloatArray) -> float:
-        """Return the fraction of its variance that the gyroscope leaves; all of it if few steps are within its samples."""
         begin, end = edges - offset
         inside = (begin >= imu.time[0]) & (end <= imu.time[-1])
-        if inside.mean() < _SHARED:
-            return 1.0
         sensed = (angle(end) - angle(begin)) / (end - begin)[:, None] @ correction.T
-        sensed = sensed if arms is None else cross(sensed, arms)
-        difference, reference = (sensed - turning)[inside], turning[inside]
-        spread = ((reference - reference.mean(axis=0)) ** 2).sum()
-        return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
+        return _unexplained(sensed if arms is None else cross(sensed, arms), turning, inside)
 
     offset, left = _best_offset(unexplained, np.eye(3), _FARTHEST if motion == _STANCE_MOTION else _FARTHEST_OF_STEPS)
     if left > _DOUBTFUL:
         _name_mistake(robot, unexplained, min(_CURED, left / 3), motion)
     return GyroscopeComparison(offset, left, left <= _WRONG, float(np.diff(edges, axis=0).sum()), motion)
+
+
+def _unexplained(sensed: FloatArray, turning: FloatArray, inside: NDArray[np.bool_]) -> float:
+    """Return the fraction of its variance that the (n, 3) sensed rotation leaves; all of it if few steps are inside."""
+    if inside.mean() < _SHARED:
+        return 1.0
+    difference, reference = (sensed - turning)[inside], turning[inside]
+    spread = ((reference - reference.mean(axis=0)) ** 2).sum()
+    return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
 
 
 def _parts(track: Track) -> Iterator[Track]:
