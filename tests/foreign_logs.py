@@ -44,14 +44,14 @@ def estimated(robot, walked, recording=None):
 
 def every(stream, step, start=0):
     """A stream with every k-th sample."""
-    names = [name for name in type(stream).__dataclass_fields__ if getattr(stream, name) is not None]
+    names = [name for name in vars(stream) if getattr(stream, name) is not None]
     return replace(stream, **{name: getattr(stream, name)[start::step] for name in names})
 
 
 def without(stream, start, end):
     """A stream with a hole from one time to another."""
     kept = (stream.time < start) | (stream.time > end)
-    names = [name for name in type(stream).__dataclass_fields__ if getattr(stream, name) is not None]
+    names = [name for name in vars(stream) if getattr(stream, name) is not None]
     return replace(stream, **{name: getattr(stream, name)[kept] for name in names})
 
 
