@@ -306,7 +306,7 @@ def test_an_error_of_a_log_is_an_object_with_its_pieces(log, found, tmp_path, ca
 
 def test_flags_of_logs_and_of_runs_are_not_mixed(bag, tmp_path, capsys):
     assert main(["estimate", str(bag)]) == 5
-    assert "name its robot with --robot" in capsys.readouterr().err
+    assert "pass --robot ROBOT for a log of another program" in capsys.readouterr().err
     assert main(["estimate", str(bag), "--imu-topic", "/imu/data"]) == 2
     assert "pass --robot too" in capsys.readouterr().err.replace("\n", " ")
     assert main(["estimate", str(bag), "--robot", "unitree_a1", "--feet", "measured"]) == 2

@@ -221,7 +221,8 @@ def test_a_missing_package_is_named_before_anything_moves(tmp_path, verb):
     ("flags", "code", "message"),
     [
         (["calibrate", "--browser"], 2, "--browser needs --view; give both"),
-        (["view", "nowhere"], 5, "'nowhere' does not exist; name the run folder of a calibration"),
+        (["view", "nowhere"], 5,
+         "'nowhere' does not exist; name the run folder of a calibration, or pass --robot ROBOT for a log of another program"),
         (["view", ".", "--from", "3s"], 2,
          "tables, topics, --joint-map, --columns, --rate, --from, --until and robot flags are for logs of other programs; "
          "pass --robot too"),

@@ -75,7 +75,8 @@ class UnitreeUdpOptions(EmulatorSettings):
 
     def __post_init__(self) -> None:
         check_range(self, "port", 1, 65535)
-        for name in ("tick", "loss", "duplicate", "reorder"):
+        check_range(self, "tick", 0, math.inf)
+        for name in ("loss", "duplicate", "reorder"):
             check_range(self, name, 0, 1)
 
 
