@@ -30,10 +30,9 @@ with file.open("w", newline="") as stream:
     writer.writerow(["time", *signals, *(f"{sensor}.{axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")])
     for one in recordings:
         joints, imu = one.joints, one.imu  # sampled together in simulation
-        of_joints = joints.position, joints.velocity, joints.torque
-        of_imu = imu.angular_velocity_in_imu, imu.acceleration_in_imu
-        writer.writerows(np.column_stack([joints.time, *of_joints, *of_imu]).tolist())
-
+        columns = joints.time, joints.position, joints.velocity, joints.torque
+        rows = np.column_stack([*columns, imu.angular_velocity_in_imu, imu.acceleration_in_imu])
+        writer.writerows(rows.tolist())
 found = estimate_log(robot, read_log(file, robot), BayesianMethod())
 print(f"{sum(trial.kind == 'lift' for trial in found.result.trials)} lifts found in {file}")
 for one in found.result.composite:
