@@ -1,5 +1,6 @@
 """`equipoise export` for users and scripts."""
 
+import copy
 import dataclasses
 import json
 import os
@@ -240,6 +241,7 @@ def test_formats_are_grouped_by_the_reason_for_which_they_are_not_written(a1, tm
 
 def test_lists_of_parameters_in_notes_are_merged():
     of_one, of_another = ParameterNote("weak", ["a", "b (x, y)"]), ParameterNote("weak", ["b (x, y)", "e"])
+    assert copy.deepcopy(of_one).names == ("a", "b (x, y)")
     notes = [of_one, "assumed: c, d", of_another, "assumed: c, d", ParameterNote("left out", ["f"]), "weak: g"]
     assert merged(notes) == ["weak: a, b (x, y), e", "assumed: c, d", "left out: f", "weak: g"]
 

@@ -18,7 +18,7 @@ from equipoise.figures.geometry import (
     box,
     capsule,
     cylinder,
-    robot_shapes,
+    drawn_shapes,
     sphere,
 )
 from equipoise.robot.kinematics import foot_positions
@@ -53,7 +53,7 @@ def test_round_bodies_have_nearly_the_exact_volume(radius, length):
 
 
 def test_the_built_in_robot_has_its_own_simple_bodies(a1):
-    shapes = robot_shapes(a1)
+    shapes = drawn_shapes(a1)
     assert [shape.joint for shape in shapes] == sorted(shape.joint for shape in shapes)
     base = shapes[0]
     assert (base.joint, base.part, base.kind) == (BASE_JOINT, "base", "box")
@@ -71,7 +71,7 @@ def test_the_built_in_robot_has_its_own_simple_bodies(a1):
 def test_links_without_any_shape_get_one(tmp_path, kind):
     text = {"urdf": quadruped_urdf, "mjcf": quadruped_mjcf}.get(kind, lambda: quadruped_urdf(joints_per_leg=2))()
     robot = load_text(tmp_path, text)
-    shapes = robot_shapes(robot)
+    shapes = drawn_shapes(robot)
     carried = {shape.joint for shape in shapes}
     assert BASE_JOINT in carried
     for leg in robot.legs.values():
@@ -99,19 +99,27 @@ def test_meshes_of_the_users_file_are_used_until_it_changes(tmp_path):
     visual = '<visual><geometry><mesh filename="package://{}/trunk.stl" scale="2 2 2"/></geometry></visual>'
     text = quadruped_urdf().replace("<inertial>", visual.format(tmp_path.name) + "<inertial>", 1)
     robot = load_text(tmp_path, text)
-    (mesh,) = (shape for shape in robot_shapes(robot) if shape.kind == "mesh")
+    (mesh,) = (shape for shape in drawn_shapes(robot) if shape.kind == "mesh")
     assert mesh.part == "base"
     assert np.allclose(np.ptp(mesh.vertices, axis=0), [0.4, 0.2, 0])
     robot.source.path.write_text(text + " ", encoding="utf-8")
-    assert not any(shape.kind == "mesh" for shape in robot_shapes(robot)), "it is another file now"
+    assert not any(shape.kind == "mesh" for shape in drawn_shapes(robot)), "it is another file now"
     robot.source.path.write_text(text, encoding="utf-8")
     (tmp_path / "trunk.stl").unlink()
-    assert not any(shape.kind == "mesh" for shape in robot_shapes(robot))
+    assert not any(shape.kind == "mesh" for shape in drawn_shapes(robot))
+
+
+def test_visuals_that_cannot_be_drawn_are_replaced(tmp_path):
+    flat = '<visual><geometry><box size="0.4 0.2 0"/></geometry></visual>'
+    robot = load_text(tmp_path, quadruped_urdf().replace("<inertial>", flat + "<inertial>", 1))
+    base = drawn_shapes(robot)[0]
+    assert (base.joint, base.kind) == (BASE_JOINT, "box")
+    assert np.ptp(base.vertices, axis=0).min() > 0
 
 
 def at_stance(robot):
     stance = nominal_stance(robot).joint_position
-    shapes = robot_shapes(robot)
+    shapes = drawn_shapes(robot)
     return shapes, at_posture(robot, shapes, stance), foot_positions(robot, stance)
 
 
@@ -155,4 +163,4 @@ def test_a_mesh_that_is_none_is_not_waited_for(a1, a1_urdf, tmp_path, path):
     os.mkfifo(tmp_path / "pipe.stl")
     visual = f'<visual><geometry><mesh filename="{path}"/></geometry></visual></link>'
     robot = load_text(tmp_path, a1_urdf.replace("</link>", visual, 1))
-    assert {shape.kind for shape in robot_shapes(robot)} == {"box", "cylinder", "sphere"}
+    assert {shape.kind for shape in drawn_shapes(robot)} == {"box", "cylinder", "sphere"}

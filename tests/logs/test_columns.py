@@ -228,7 +228,7 @@ def test_names_without_meaning_are_refused_with_the_columns_and_the_mapping_to_w
 
 
 def test_a_proposal_is_completed_by_its_missing_lines(a1, leaning, tmp_path):
-    """A table of units took the lines that follow it."""
+    """A table of units would take the lines that follow it."""
     log = leaning[0]
     turning = replace(log.imu, angular_velocity_in_imu=np.degrees(log.imu.angular_velocity_in_imu))
     columns = columns_of(replace(log, imu=turning))

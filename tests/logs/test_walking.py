@@ -250,7 +250,7 @@ def test_a_gyroscope_with_a_wrong_unit_or_sign_is_named(a1, trotted, factor, mes
 
 
 def test_degrees_per_second_are_named_where_steps_are_found_by_chance(a1, stance):
-    """The wrong vertical of this walk has three long steps; the offset that moved them out of the log was taken."""
+    """The wrong vertical of this walk has three long steps; an offset of the clocks moves them out of the log."""
     with simulate(a1, "realistic", seed=9) as simulation:
         walk = trot(simulation.platform, a1, 6.0)
     assert compare_gyroscope(a1, stance, walk).agrees

@@ -15,12 +15,14 @@ from equipoise.estimator.motors.delay import _torque_scale, position_loop_delays
 from equipoise.estimator.motors.equations import SPACING, averages, motor_samples
 from equipoise.estimator.motors.fit import _repetition
 from equipoise.experiments.legs_up import legs_up
+from equipoise.figures.parts import motors_alone
 from equipoise.method.combined import CombinedMethod
 from equipoise.method.table import method_from_dict
 from equipoise.motors.method import Motors
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial
 from equipoise.report.contents import run_contents
+from equipoise.result.body import Body
 from equipoise.robot.description import RobotDescription
 from equipoise.terminal.results import print_calibration
 
@@ -232,6 +234,11 @@ def test_slow_joints_stretch_the_phases(a1):
     after = recording.commands.time[1:] > swing.joints.time[-1] + 1.5
     fold = next(event.time for event in recording.events if event.data.get("name") == Phase.FOLD)
     assert not moving[after & (recording.commands.time[1:] < fold - 0.01)].any()
+
+
+def test_a_planar_com_with_motors_is_a_result_of_its_own(swung):
+    assert motors_alone(swung[0])
+    assert not motors_alone(dataclasses.replace(swung[0], composite=Body.partial(com_in_base=(0.01, 0.0, None))))
 
 
 def test_a_report_of_motors_alone_begins_with_them(swung):

@@ -370,7 +370,7 @@ REFUSED = [
     ),
     (
         quadruped_mjcf(trunk_extra='<body axisangle="0 0 1"/>'),
-        "robot model 'robot.xml': cannot reshape array of size 3 into shape (4,)",
+        "robot model 'robot.xml': <body> has axisangle='0 0 1'; it must have 4 numbers",
     ),
     (
         quadruped_mjcf(tail='<actuator><motor joint="FL_0" ctrlrange="weak strong"/></actuator>'),

@@ -133,14 +133,14 @@ class Durations:
     posture: float = 2.1
     replant: float = 1.5
     lift: float = 2.6
-    search: float = 10.4
+    search: float = 4 * 2.6  # lifts
     end: float = 2.0
     turn: float = 11.0
 
     @classmethod
     def of(cls, stance: Stance) -> Durations:
         """Return the durations for a robot of the stance's size."""
-        return cls(*(stance.scale.time * on_a1 for on_a1 in vars(cls()).values()))
+        return cls(**{name: stance.scale.time * on_a1 for name, on_a1 in vars(cls()).items()})
 
 
 def make_plan(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,8 +32,25 @@ _IN_AIR_AFTER = 0.4  # fraction of the lift time after which the feet are off th
 _STEP = 0.020  # [s] on an A1; half the sampling rate of the estimator gives the same information
 
 
-_OnTwoFeet = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]
-"""Feet, joint positions, inverse Jacobians, line, height of the CoM, and moments of inertia, as from `Predictor._stands`."""
+class _OnTwoFeet(NamedTuple):
+    """State on two feet before the robot tips or rotates.
+
+    Attributes:
+        feet: (4, 3) feet in the base frame [m].
+        joint_position: (nj,) joint positions [rad].
+        inverse_jacobians: (4, n, 3) derivatives of each leg's joints with respect to its foot [rad/m].
+        left: (3,) direction of the line, in base axes.
+        height: height of the CoM over the line [m].
+        about_com, about_line: moments of inertia about that direction, through the CoM and through the line [kg m2].
+    """
+
+    feet: FloatArray
+    joint_position: FloatArray
+    inverse_jacobians: FloatArray
+    left: FloatArray
+    height: float
+    about_com: float
+    about_line: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +133,7 @@ class Predictor:
         )
 
     def _stands(self, design: LiftDesign) -> _OnTwoFeet:
-        """Return the state on two feet before the robot tips or rotates, which does not depend on turn and swing.
-
-        Returns:
-            (4, 3) feet in the base frame [m]; (nj,) joint positions [rad]; (4, n, 3) derivatives of each leg's joints with
-            respect to its foot [rad/m]; (3,) direction of the line, in base axes; height of the CoM over the line [m]; moments
-            of inertia about that direction, through the CoM and through the line [kg m2].
-        """
+        """Return the state on two feet, which does not depend on turn and swing."""
         if design not in self._stood:
             robot, stance = self.robot, self.stance
             _, feet = lift_feet(stance, self.com, design, lift_settings(stance).height)
@@ -133,7 +145,7 @@ class Predictor:
             about_com = float(left @ composite_parameters(robot, position).inertia @ left)
             about_line = about_com + robot.mass * height**2
             inverse = np.asarray(np.linalg.pinv(foot_jacobians(robot, position)), dtype=float)
-            self._stood[design] = feet, position, inverse, left, height, about_com, about_line
+            self._stood[design] = _OnTwoFeet(feet, position, inverse, left, height, about_com, about_line)
         return self._stood[design]
 
     def move(self, before: BodyPosture, after: BodyPosture) -> StanceMotion:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import typing
 from collections.abc import Mapping
 from typing import Any
@@ -46,7 +47,8 @@ def check_range(settings: Any, name: str, least: float, most: float) -> None:
     """Raise SettingsError if a setting is outside a range; None is inside."""
     value = getattr(settings, name)
     if value is not None and not least <= value <= most:
-        raise SettingsError(f"{name} is {value}; it must be from {least:g} to {most:g}")
+        allowed = f"{least:g} or more" if math.isinf(most) else f"from {least:g} to {most:g}"
+        raise SettingsError(f"{name} is {value}; it must be {allowed}")
 
 
 def read_settings(kind: type[Any], given: Mapping[str, Any], name: str) -> Any:

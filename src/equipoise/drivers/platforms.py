@@ -141,8 +141,11 @@ def for_platform(name: str, robot: RobotModel) -> RobotModel:
         kp, kd = driver.makers_gains
         description = dataclasses.replace(description, kp=kp, kd=kd)
     if driver.motor_speeds is not None:
-        if robot.leg_joints.shape[1] != len(driver.motor_speeds):
-            raise SettingsError(f"{name} has 12 joints, three per leg; {robot.name!r} has {len(robot.joint_names)}")
+        if robot.leg_joints.shape[1] != (each := len(driver.motor_speeds)):
+            raise SettingsError(
+                f"robots of {name} have {each} joints per leg; {robot.name!r} has {robot.leg_joints.shape[1]}: pass another "
+                "--platform, or the model of that robot"
+            )
         motors = dict(zip(robot.leg_joints.ravel().tolist(), 4 * driver.motor_speeds, strict=True))
         for joint, speed in motors.items():
             speeds[joint] = speed if math.isinf(speeds[joint]) else speeds[joint]

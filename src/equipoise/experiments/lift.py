@@ -66,8 +66,13 @@ class LiftSettings:
     def of(cls, stance: Stance, height: float) -> LiftSettings:
         """Return the settings of a lift by a height [m], with times for the robot's size."""
         usual = cls(height)
-        times = [name for name in vars(usual) if name.endswith("_time") and name != "rate_time"]  # that of sensors
-        return replace(usual, **{name: getattr(usual, name) * stance.scale.time for name in times})
+        return replace(usual, **{name: getattr(usual, name) * stance.scale.time for name in _SCALED})
+
+
+_SCALED = (
+    "move_time", "settle_time", "rest_time", "unload_time", "lift_time", "watch_time", "lower_time", "step_time",
+)  # fmt: skip
+"""Settings of a lift that scale with the robot's time."""
 
 
 def tipping_from(standing: StandingRobot, still: Recording, diagonal: str) -> Pendulum:

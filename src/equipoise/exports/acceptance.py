@@ -44,6 +44,9 @@ class ParameterNote(str):
         note.kind, note.names = kind, names
         return note
 
+    def __reduce__(self) -> tuple[type[ParameterNote], tuple[str, tuple[str, ...]]]:
+        return ParameterNote, (self.kind, self.names)
+
 
 def accept_bodies(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
     """Return the objections to a result's bodies, one sentence each, worst first.

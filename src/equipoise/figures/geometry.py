@@ -17,16 +17,17 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from equipoise.clearance.shapes import robot_shapes as simple_shapes
+from equipoise.clearance.shapes import robot_shapes
 from equipoise.clearance.stand_ins import BASE_JOINT
 from equipoise.conventions import FloatArray
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
 IntArray = NDArray[np.int64]
+Kind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
 Part = Literal["base", "hip", "thigh", "shank"]
 
-_SIMPLE = ("box", "sphere", "cylinder", "capsule")
+_SIMPLE: dict[str, Kind] = {"Box": "box", "Sphere": "sphere", "Cylinder": "cylinder", "Capsule": "capsule"}
 _AROUND = 24  # edges around a round body
 _MOST_FACES = 20_000  # per mesh, before simplification: some models have very fine meshes
 MOST_FACES_ON_PAGE = 1200
@@ -41,14 +42,14 @@ class Mesh:
     Attributes:
         vertices: (n, 3) [m].
         faces: (m, 3) indices of vertices, anticlockwise seen from outside.
-        kind: type of the shape, "box", "sphere", "cylinder", "capsule" or "mesh".
+        kind: type of the shape.
         joint: Pinocchio id of the joint that carries the shape; 1 is the base.
         part: part of the robot.
     """
 
     vertices: FloatArray
     faces: IntArray
-    kind: str = "mesh"
+    kind: Kind = "mesh"
     joint: int = BASE_JOINT
     part: Part = "base"
 
@@ -65,7 +66,7 @@ class Mesh:
         return replace(self, vertices=self.vertices @ np.array(place.rotation).T + np.array(place.translation))
 
 
-def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Mesh, ...]:
+def drawn_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Mesh, ...]:
     """Return all shapes of a robot in the frames of their joints, those of the base first.
 
     Args:
@@ -73,9 +74,10 @@ def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Mesh
     """
     found = _visuals(robot, most_faces)
     shown = {shape.joint for shape in found if shape.kind != "sphere"}
-    for shape in simple_shapes(robot).geometryObjects:
-        joint, feet = int(shape.parentJoint), {one.joint for one in found if one.kind == "sphere"}
-        if joint not in shown and not (joint in feet and type(shape.geometry).__name__ == "Sphere"):
+    balls = {shape.joint for shape in found if shape.kind == "sphere"}
+    for shape in robot_shapes(robot).geometryObjects:
+        joint = int(shape.parentJoint)
+        if joint not in shown and not (joint in balls and type(shape.geometry).__name__ == "Sphere"):
             found += _drawn(robot, joint, shape, shape.placement, most_faces)
     return tuple(sorted(found, key=lambda shape: shape.joint))
 
@@ -130,21 +132,23 @@ def _convex(points: FloatArray) -> Mesh:
 
 
 def _visuals(robot: RobotModel, most_faces: int) -> list[Mesh]:
-    """Return the visuals of the user's model file, on links of the same names; empty if one of its files was changed."""
-    path = robot.source.path
+    """Return the visuals of the user's model file, on links of the same names.
+
+    Empty if the file was changed, or if it or one of its meshes cannot be read or drawn.
+    """
+    path, found = robot.source.path, list[Mesh]()
+    links = {str(f.name): f for f in robot.pinocchio.frames if f.type == pin.FrameType.BODY}
     try:
         if hashlib.sha256(path.read_bytes()).hexdigest() != robot.source.sha256:
             return []
         model, geometry = _read(path, robot.source.format)
+        for shape in geometry.geometryObjects:
+            theirs = model.frames[shape.parentFrame]
+            if (ours := links.get(str(theirs.name))) is not None:
+                placement = ours.placement * theirs.placement.inverse() * shape.placement
+                found += _drawn(robot, int(ours.parentJoint), shape, placement, most_faces)
     except (OSError, ValueError, RuntimeError, IndexError):
         return []
-    links = {str(f.name): f for f in robot.pinocchio.frames if f.type == pin.FrameType.BODY}
-    found: list[Mesh] = []
-    for shape in geometry.geometryObjects:
-        theirs = model.frames[shape.parentFrame]
-        if (ours := links.get(str(theirs.name))) is not None:
-            placement = ours.placement * theirs.placement.inverse() * shape.placement
-            found += _drawn(robot, int(ours.parentJoint), shape, placement, most_faces)
     return found
 
 
@@ -163,8 +167,7 @@ def _drawn(robot: RobotModel, joint: int, shape: pin.GeometryObject, placement: 
     mesh = _triangles(shape, most_faces)
     if mesh is None:
         return []
-    kind = type(shape.geometry).__name__.lower()
-    kind = kind if kind in _SIMPLE else "mesh"
+    kind = _SIMPLE.get(type(shape.geometry).__name__, "mesh")
     return [replace(mesh.moved(placement), kind=kind, joint=joint, part=_part(robot, joint))]
 
 

@@ -57,8 +57,11 @@ def numbers_table(found: list[Quantity], title: str) -> DataTable:
     def given(attribute: str) -> bool:
         return any(getattr(one, attribute) is not None for one in found)
 
-    columns = ["parameter", "|estimate", *["|95 % +-"] * given("half_width"), BAR, *["verdict"] * given("verdict")]
-    columns += ["|truth", "|error"] * given("truth") + ["|model", "|change"] * given("model")
+    columns = ["parameter", "|estimate"]
+    columns += ["|95 % +-", BAR] if given("half_width") else [BAR]
+    columns += ["verdict"] if given("verdict") else []
+    columns += ["|truth", "|error"] if given("truth") else []
+    columns += ["|model", "|change"] if given("model") else []
     return DataTable(title, columns, [_cells(one, columns) for one in found], style="numbers barred")
 
 

@@ -79,7 +79,7 @@ class Parts:
 
 def motors_alone(result: Calibration) -> bool:
     """Return whether the run estimated motors and nothing else."""
-    return bool(result.motors) and result.composite.mass.value is None
+    return bool(result.motors) and all(quantity.value is None for quantity in result.composite)
 
 
 def parts_of(result: Calibration) -> list[Parts]:

@@ -14,7 +14,7 @@ from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.reading import planes_through_com
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.figures.blocks import DASHES, INK, MUTED, ROBOT, SERIES, Figure, Trace, number, plain, short
-from equipoise.figures.geometry import MOST_FACES_ON_PAGE, Mesh, at_posture, robot_shapes
+from equipoise.figures.geometry import MOST_FACES_ON_PAGE, Mesh, at_posture, drawn_shapes
 from equipoise.method.reading import LiftPlane
 from equipoise.paper.evidence import SearchEvidence
 from equipoise.result.calibration import Calibration
@@ -169,7 +169,7 @@ def lift_planes(result: Calibration) -> Sequence[LiftPlane]:
 def _robot(result: Calibration, robot: RobotModel) -> tuple[dict[str, FloatArray], tuple[FloatArray, ...]]:
     """Return the feet and the outlines of a result's robot at its stance."""
     joint_position = np.array([result.joint_position[name] for name in robot.joint_names])
-    shapes = at_posture(robot, robot_shapes(robot, MOST_FACES_ON_PAGE), joint_position)
+    shapes = at_posture(robot, drawn_shapes(robot, MOST_FACES_ON_PAGE), joint_position)
     base = [shape for shape in shapes if shape.part == "base"]
     legs = [[shape] for shape in shapes if shape.part != "base"]
     feet: dict[str, FloatArray] = dict(zip(LEG_NAMES, foot_positions(robot, joint_position)[:, :2], strict=True))

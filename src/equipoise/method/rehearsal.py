@@ -43,8 +43,8 @@ class Course:
         doing: description of the motions, for "the robot stands up, ... and ends where it began".
         duration: robot time [s].
         postures: postures in order, without the nominal stance.
-        lies: whether the robot lies down in between.
-        replans: whether the run plans its postures again from what it measures.
+        lies: True if the robot lies down in between.
+        replans: True if postures are planned again from measurements.
     """
 
     doing: str

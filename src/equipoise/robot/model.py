@@ -269,8 +269,8 @@ def _velocity_and_effort_limits(model: pin.Model, source: ModelSource) -> tuple[
     return velocity, effort
 
 
-# Files without known limits give placeholders, as 1000: faster, or stronger than for the weight at this lever, is no motor.
+# Files often have placeholders, as 1000. A limit above these values is not that of a motor.
 _FASTEST = 200.0  # [rad/s]; the fastest of the catalogue's motors has 52
-_LONGEST_LEVER = 3.0  # [m]; the longest of the catalogue's robots is 0.27
+_LONGEST_LEVER = 3.0  # [m], for the weight; the longest of the catalogue's robots is 0.27
 _BASE_AT_ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # position, then quaternion xyzw
 _BASE_AT_ORIGIN.setflags(write=False)

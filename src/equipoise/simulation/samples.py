@@ -133,7 +133,7 @@ class Samples:
     def state(self, sample: FloatArray, period: int) -> RobotState:
         """Return the state in a control period for a (3 nj + 6,) sample, or the last one if the sample is lost."""
         if self._newest is None or self._complete or self.arrived(period, 1)[0]:
-            self._newest = self._state_of(sample, period)
+            return self._keep(sample, period)
         return self._newest
 
     def shown(self, samples: FloatArray, period: int) -> FloatArray:
@@ -144,13 +144,16 @@ class Samples:
         if self._newest is not None and not there[0]:
             seen[latest < 0] = self._newest_sample
         if latest[-1] >= 0:
-            self._newest = self._state_of(samples[latest[-1]], period + int(latest[-1]))
+            self._keep(samples[latest[-1]], period + int(latest[-1]))
         return seen
 
-    def _state_of(self, sample: FloatArray, period: int) -> RobotState:
+    def _keep(self, sample: FloatArray, period: int) -> RobotState:
+        """Keep a sample as the newest one, and return it as a state."""
         position, velocity, torque = sample[: 3 * self._joints].reshape(3, self._joints)
-        stamp, self._newest_sample = float(self.stamps(period, 1)[0]), sample
-        return RobotState(stamp, position, velocity, torque, sample[-6:-3], sample[-3:])
+        stamp = float(self.stamps(period, 1)[0])
+        self._newest = RobotState(stamp, position, velocity, torque, sample[-6:-3], sample[-3:])
+        self._newest_sample = sample
+        return self._newest
 
 
 def _low_pass(frequency: float, timestep: float) -> FloatArray | None:

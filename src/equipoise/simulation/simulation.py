@@ -159,9 +159,5 @@ def build(
     truth = simulated_truth(robot, simulated, stance.joint_position)
     data = mujoco.MjData(simulated.model)
     platform = MujocoPlatform(robot, simulated, stance, start, data=data)
-
-    def push(force_in_world: FloatArray) -> None:
-        data.xfrc_applied[simulated.base_body, :3] = errors.cable_in_world + force_in_world
-
     ground_truth, links = ground_truth_of(robot, simulated, data), link_truth(robot, simulated)
-    return Simulation(platform, truth, mujoco.__version__, errors, ground_truth, push, links)
+    return Simulation(platform, truth, mujoco.__version__, errors, ground_truth, platform.push, links)

@@ -41,8 +41,8 @@ def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str | None) ->
     if not significant:
         console.print(f"{found.robot}: no cause is significant; more motions determine smaller ones")
     for cause in significant:
-        values = ", ".join(map(_value, cause.values))
-        print_wrapped(console, escape(f"{cause.name}: {values}: {cause.change.replace('RUN', run or 'FILE')}"))
+        values, export = ", ".join(map(_value, cause.values)), f"export {run or 'FILE'}"
+        print_wrapped(console, escape(f"{cause.name}: {values}: {cause.change.replace('export RUN', export)}"))
     if significant and run is None:
         print_wrapped(console, "To write FILE, use 'equipoise estimate' with --out FILE; export it with --file MODEL.")
     for name in (cause.name for cause in shown if cause.name in {name for name, *_ in found.inseparable}):

@@ -116,7 +116,7 @@ def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
     robot, torque = rehearsal.robot, rehearsal.largest_torque
     joint = _hardest(robot, torque)
     share = torque[joint] / robot.effort_limit[joint]
-    limit = f"{share:.0%} of its limit" if share > 0 else "which has no limit in the model file"
+    limit = f"{share:.0%} of its limit" if share > 0 else "which has no plausible limit in the model file"
     lying = _begins_lying(rehearsal)
     start, around = ("is checked, stands up", ", with checks, standing up and lying down") if lying else ("stands", "")
     lines = [

@@ -37,8 +37,8 @@ def follow(path: Path, more: Callable[[], bool]) -> Iterator[News]:
 
     Args:
         path: file of the log, which need not exist yet, or the folder of a run.
-        more: function that returns True to wait for more data of an open log. Until then the last piece of motion, which may
-            still grow, is left for the next news.
+        more: function that returns True to wait for more data of an open log. While it is open, the last piece of motion,
+            which may still grow, is left for the next news.
 
     Raises:
         RecordingError: a file is damaged or of another format, or the run was resumed and repeats motions.

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.figures.geometry import Part, robot_shapes
+from equipoise.figures.geometry import Part, drawn_shapes
 from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.phases import Phase
@@ -154,7 +154,7 @@ class Scene:
 
     def _log_static(self) -> None:
         rr, size = self._rr, self._size
-        for number, shape in enumerate(robot_shapes(self._robot)):
+        for number, shape in enumerate(drawn_shapes(self._robot)):
             colour = (*_COLOURS[shape.part], 110 if shape.part == "base" else 255)
             drawn = rr.Mesh3D(
                 vertex_positions=shape.vertices, triangle_indices=shape.faces, vertex_normals=shape.normals(),

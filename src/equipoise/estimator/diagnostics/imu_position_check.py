@@ -17,20 +17,22 @@ from equipoise.estimator.problem import Posterior
 _DIFFERS = 1.5
 
 
-def imu_position_difference(posterior: Posterior) -> tuple[FloatArray, FloatArray] | None:
-    """Return the (3,) position from a run's first excitation less the estimated one, and its std [m]; None without one."""
+def imu_position_difference(posterior: Posterior) -> tuple[FloatArray, FloatArray, float] | None:
+    """Compare the IMU's position from a run's first excitation with the estimated one; None without an excitation.
+
+    Returns:
+        (3,) difference, (3,) its standard deviation [m], and the largest ratio of both.
+    """
     if posterior.imu_by_excitation is None:
         return None
     position, std = posterior.imu_by_excitation
     if posterior.unknowns.estimates("imu_position"):
         std = np.hypot(std, posterior.std("imu_position"))
-    return position - posterior.unknowns.value(posterior.x, "imu_position"), std
+    difference = position - posterior.unknowns.value(posterior.x, "imu_position")
+    return difference, std, float(np.abs(difference / std).max())
 
 
 def contradicts_imu_position(posterior: Posterior) -> bool:
     """Return True if the excitation contradicts an estimated position."""
     compared = imu_position_difference(posterior)
-    if compared is None or not posterior.unknowns.estimates("imu_position"):
-        return False
-    difference, std = compared
-    return float(np.abs(difference / std).max()) > _DIFFERS
+    return compared is not None and posterior.unknowns.estimates("imu_position") and compared[-1] > _DIFFERS

@@ -72,6 +72,10 @@ class SwingProblem:
     """Least-squares problem of all motors: links, each joint's gain, terms and offset, the rotors' spin and the lag.
 
     Attributes:
+        robot: model of the robot.
+        samples: samples of the swings.
+        stribeck_speed: speed of the Stribeck term [rad/s]; None: without it.
+        joints: number of joints.
         model: (n, nj) torques according to the model file [Nm].
         links: (n, nj, k) columns of the links' parameters.
         terms: (n, nj) columns of friction and armature, by name.

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.drivers.unitree.motors import STOP_POSITION, STOP_VELOCITY
 from equipoise.lab.emulators.faults import (
     ActiveFaults,
     CrossedWiring,
@@ -80,20 +78,6 @@ class EmulatorSettings:
     wiring: Wiring = "right"
     wiring_of: WiringOf = "both"
     trace: bool = False
-
-
-def of_motor_boards(table: FloatArray, here: FloatArray, on: NDArray[np.bool_]) -> JointCommand:
-    """Return the command that Unitree's motor boards execute: no control of stop values, and no torque of motors that are off.
-
-    Args:
-        table: (5, nj) command of the joints' motors, as `JointCommand.table`.
-        here: (nj,) joint positions [rad].
-        on: (nj,) whether each motor is on.
-    """
-    position, velocity, torque, kp, kd = table
-    holds, brakes = on & (np.abs(position) < STOP_POSITION / 2), on & (np.abs(velocity) < STOP_VELOCITY / 2)
-    position, torque, kp = np.where(holds, position, here), np.where(on, torque, 0.0), np.where(holds, kp, 0.0)
-    return JointCommand(position, np.where(brakes, velocity, 0.0), torque, kp, np.where(brakes, kd, 0.0))
 
 
 class EmulatedRobot:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from equipoise.drivers.platform_settings import check_range
 from equipoise.drivers.unitree.udp_settings import Protocol
+from equipoise.errors import SettingsError
 from equipoise.lab.emulators.emulated_robot import EmulatorSettings
 
 _TRAJECTORIES_TO_TORQUES: dict[str, Any] = {
@@ -134,6 +135,9 @@ class Ros2Options(EmulatorSettings):
 
     def __post_init__(self) -> None:
         check_range(self, "domain", 0, 232)
+        topic = self.impedance_topic
+        if topic and "{interface}" not in topic and "{joint}" not in topic:
+            raise SettingsError(f"impedance_topic is {topic!r}; it must contain {{interface}} or {{joint}}")
         for name in ("stiffness", "damping", "integral", "most_integral"):
             check_range(self, name, 0, math.inf)
         for name in ("joint_rate", "imu_rate"):

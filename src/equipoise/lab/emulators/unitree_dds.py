@@ -23,9 +23,9 @@ from equipoise.drivers.unitree.low_level import COMMAND, STATE, read_message
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, keys_of
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
-from equipoise.lab.emulators.emulated_robot import of_motor_boards
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.lab.emulators.options import UnitreeDdsOptions
+from equipoise.lab.emulators.unitree_motors import of_motor_boards
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 

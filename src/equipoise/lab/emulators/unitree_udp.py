@@ -21,10 +21,10 @@ from equipoise.drivers.unitree.remote_control import keys_of
 from equipoise.drivers.unitree.udp import CONTROL_PERIOD
 from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
-from equipoise.lab.emulators.emulated_robot import of_motor_boards
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.lab.emulators.options import UnitreeUdpOptions
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
+from equipoise.lab.emulators.unitree_motors import of_motor_boards
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 

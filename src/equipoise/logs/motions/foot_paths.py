@@ -82,6 +82,8 @@ class FootPaths:
 
     def off_the_floor(self, least: float, shortest: float) -> list[str]:
         """Return the feet that are above the two lowest by a least height [m] for a least total time [s]."""
+        if len(self.time) < 2:
+            return []
         lowest = np.sort(self.height, axis=1)[:, :2].mean(axis=1, keepdims=True)
         duration = (self.height - lowest > least).sum(axis=0) * float(np.diff(self.time).mean())
         return [foot for foot, time in zip(LEG_NAMES, duration.tolist(), strict=True) if time > shortest]

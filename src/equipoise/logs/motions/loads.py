@@ -32,12 +32,14 @@ _LOOKED_AT = 1000  # samples of a walk that its mean is of, at most
 
 @dataclass(frozen=True, eq=False)
 class FootLoads:
-    """Loads of the feet, relative to the mean load of a foot; or readings of a log's sensors, in any unit with any offset.
+    """Loads of the feet, relative to the mean load of a foot.
+
+    The readings of a log's sensors, from which `by_sensors` computes them, have any unit and any offset.
 
     Attributes:
         source: name of the sensors.
         time: (n,) times, on the joints' clock [s].
-        load: (n, 4) loads of the feet FL FR RL RR, more is more; not a number where a sensor is not plausible.
+        load: (n, 4) loads of the feet FL FR RL RR, larger for more load; not a number where a sensor is not plausible.
     """
 
     source: str

@@ -175,11 +175,8 @@ class _PieceReader:
         """Return the times on two feet and those on three."""
         if self._walking is None:
             return []
-        steps, shortest = (
-            [*self._walking.on_two(), *self._walking.on_three()],
-            SHORTEST_ON_THREE * self.stance.scale.time,
-        )
-        return self.contacts.confirmed(self.track, steps, shortest)
+        steps = [*self._walking.on_two(), *self._walking.on_three()]
+        return self.contacts.confirmed(self.track, steps, SHORTEST_ON_THREE * self.stance.scale.time)
 
     def segments(self) -> list[LogSegment]:
         """Return rests and the segments between them, in order."""
@@ -356,12 +353,14 @@ class _PieceReader:
         found = find_oscillation(part.time, part.angular_velocity_in_base, self.stance.scale.time)
         if found is None:
             return None
-        axes = [f"{axis} {frequency:.1f} Hz" for axis, frequency in found[2].items()]
-        what = ", ".join(["excitation", *axes, f"{found[1] - found[0]:.1f} s"])
+        begin, stop, frequencies = found
+        axes = [f"{axis} {frequency:.1f} Hz" for axis, frequency in frequencies.items()]
+        what = ", ".join(["excitation", *axes, f"{stop - begin:.1f} s"])
         if self.recording.joints.torque is None:
             reason_unused = "no joint torques: an excitation determines nothing without them"
             return LogSegment(start, end, "excitation", what, reason_unused)
-        return LogSegment(start, end, "excitation", what, None, self._excitation_recording(start, end, *found))
+        recording = self._excitation_recording(start, end, begin, stop, frequencies)
+        return LogSegment(start, end, "excitation", what, None, recording)
 
     def _weighable(self, start: float, end: float, after: LoggedRest | None) -> LogSegment | None:
         """Return the segment of any other motion on four feet that is long enough for its torques to be informative.

@@ -10,12 +10,13 @@ import pinocchio as pin
 from equipoise.conventions import FloatArray
 from equipoise.robot.cleaning.urdf_text import words
 
-ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
+_COUNTS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
+ORIENTATIONS = tuple(_COUNTS)
 _PLACED = ("body", "geom", "site", "inertial", "frame")
 
 
 def angle_unit(root: ET.Element) -> float:
-    """Return the unit of angles in a file that has one <compiler> at most, by default degrees [rad]."""
+    """Return the unit of angles in a file with at most one <compiler> [rad]: by default a degree."""
     return 1.0 if root.find("compiler[@angle='radian']") is not None else np.pi / 180
 
 
@@ -44,7 +45,7 @@ def orientation(element: ET.Element, root: ET.Element) -> FloatArray:
             break
     else:
         return np.eye(3)
-    numbers = _numbers(element, key)
+    numbers = _numbers(element, key, "", _COUNTS[key])
     if key == "euler":
         rotation, compiler = np.eye(3), root.find("compiler")
         sequence = "xyz" if compiler is None else compiler.get("eulerseq", "xyz")
@@ -53,7 +54,6 @@ def orientation(element: ET.Element, root: ET.Element) -> FloatArray:
             rotation = rotation @ turn if letter.islower() else turn @ rotation  # lower case: in the turned frame
         return rotation
     if key == "axisangle":
-        numbers = numbers.reshape(4)
         return pin.exp3(angle_unit(root) * numbers[3] * _unit(numbers[:3], element))
     if key == "xyaxes":
         x = _unit(numbers[:3], element)
@@ -96,7 +96,7 @@ def fold_reference(body: ET.Element, root: ET.Element) -> None:
         return
     if len(joints) > 1:
         raise ValueError(f"body {body.get('name')!r} has several joints, one with a 'ref', which is not read")
-    axis = _unit(_numbers(joints[0], "axis", "0 0 1").reshape(3), joints[0])
+    axis = _unit(_numbers(joints[0], "axis", "0 0 1"), joints[0])
     if joints[0].get("type") == "slide":
         turn, shift = np.eye(3), -references[0] * axis
     else:
@@ -109,7 +109,7 @@ def fold_reference(body: ET.Element, root: ET.Element) -> None:
 
 def _move(element: ET.Element, translation: FloatArray, rotation: FloatArray, root: ET.Element) -> None:
     if "fromto" in element.attrib:
-        ends = _numbers(element, "fromto").reshape(2, 3) @ rotation.T + translation
+        ends = _numbers(element, "fromto", "", 6).reshape(2, 3) @ rotation.T + translation
         element.set("fromto", words(ends.ravel()))
         return
     element.set("pos", words(rotation @ _numbers(element, "pos", "0 0 0") + translation))
@@ -125,11 +125,13 @@ def _set_orientation(element: ET.Element, rotation: FloatArray) -> None:
     element.set("xyaxes", words(rotation.T[:2].ravel()))
 
 
-def _numbers(element: ET.Element, key: str, default: str = "") -> FloatArray:
+def _numbers(element: ET.Element, key: str, default: str, count: int = 3) -> FloatArray:
     try:
         numbers = np.array([float(word) for word in element.get(key, default).split()])
     except ValueError:
         numbers = np.array([np.nan])
     if not np.isfinite(numbers).all():
         raise ValueError(f"<{element.tag}> has {key}={element.get(key)!r}; every number must be finite")
+    if len(numbers) != count:
+        raise ValueError(f"<{element.tag}> has {key}={element.get(key)!r}; it must have {count} numbers")
     return numbers
