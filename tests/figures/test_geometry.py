@@ -109,6 +109,14 @@ def test_meshes_of_the_users_file_are_used_until_it_changes(tmp_path):
     assert not any(shape.kind == "mesh" for shape in drawn_shapes(robot))
 
 
+def test_each_sphere_of_a_link_is_drawn_once(tmp_path):
+    ball = '<collision><origin xyz="{} 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>'
+    balls = "".join(map(ball.format, (-0.1, 0.1, 0.1)))
+    robot = load_text(tmp_path, quadruped_urdf().replace("<inertial>", balls + "<inertial>", 1))
+    middles = [shape.vertices.mean(axis=0)[0] for shape in drawn_shapes(robot) if shape.joint == BASE_JOINT]
+    assert middles == pytest.approx([-0.1, 0.1])
+
+
 def test_visuals_that_cannot_be_drawn_are_replaced(tmp_path):
     flat = '<visual><geometry><box size="0.4 0.2 0"/></geometry></visual>'
     robot = load_text(tmp_path, quadruped_urdf().replace("<inertial>", flat + "<inertial>", 1))

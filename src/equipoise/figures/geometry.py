@@ -74,12 +74,19 @@ def drawn_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Mesh
     """
     found = _visuals(robot, most_faces)
     shown = {shape.joint for shape in found if shape.kind != "sphere"}
-    balls = {shape.joint for shape in found if shape.kind == "sphere"}
     for shape in robot_shapes(robot).geometryObjects:
         joint = int(shape.parentJoint)
-        if joint not in shown and not (joint in balls and type(shape.geometry).__name__ == "Sphere"):
-            found += _drawn(robot, joint, shape, shape.placement, most_faces)
+        if joint not in shown:
+            drawn = _drawn(robot, joint, shape, shape.placement, most_faces)
+            found += [mesh for mesh in drawn if not any(_same_ball(mesh, other) for other in found)]
     return tuple(sorted(found, key=lambda shape: shape.joint))
+
+
+def _same_ball(one: Mesh, other: Mesh) -> bool:
+    """Return whether two shapes are spheres at the same place of a link, as a foot's in the file and its stand-in."""
+    return (one.kind, other.kind) == ("sphere", "sphere") and (
+        one.joint == other.joint and np.allclose(one.vertices.mean(axis=0), other.vertices.mean(axis=0))
+    )
 
 
 def at_posture(robot: RobotModel, shapes: Iterable[Mesh], joint_position: FloatArray) -> list[Mesh]:
