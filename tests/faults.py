@@ -190,8 +190,7 @@ class Faulty(PlatformWrapper):
 
 def push(platform: MujocoPlatform, force_in_world: FloatArray) -> None:
     """Push a simulated robot at its base from now on, in addition to its cable."""
-    simulated = platform._simulated
-    platform._data.xfrc_applied[simulated.base_body, :3] = simulated.errors.cable_in_world + force_in_world
+    platform._push(force_in_world)
 
 
 def grease(platform: MujocoPlatform, leg: str, friction: float) -> None:

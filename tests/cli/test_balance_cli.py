@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from robots import quadruped_urdf
 
 from equipoise.cli import main
 from equipoise.errors import SettingsError
@@ -98,7 +99,9 @@ def test_errors_of_flags_name_the_valid_values(tmp_path, capsys):
     assert "'5 apples' is not a length" in fails(capsys, 2, "--com-error", "5 apples")
     assert "--duration 'soon' is not a time" in fails(capsys, 2, "--duration", "soon")
     assert "the duration is 0 s" in fails(capsys, 2, "--duration", "0s")
-    assert "'solo8' cannot balance on two feet: with fewer than three joints" in fails(capsys, 2, "solo8")
+    (tmp_path / "two.urdf").write_text(quadruped_urdf(joints_per_leg=2))
+    message = "'two' cannot balance on two feet: with fewer than three joints"
+    assert message in fails(capsys, 2, str(tmp_path / "two.urdf"))
     assert "MASS,X,Y,Z" in fails(capsys, 2, "--payload", "heavy")
     assert "does not exist; name the run folder" in fails(capsys, 5, "--com", str(tmp_path / "missing.json"))
     (tmp_path / "other.json").write_text("{}")

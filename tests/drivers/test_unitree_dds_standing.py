@@ -15,6 +15,7 @@ pytest.importorskip("cyclonedds")
 from dds_robots import connected, excitation, hold, other_commander, running
 
 from equipoise import nominal_stance, simulate
+from equipoise.drivers.unitree.low_level import COMMAND
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import JointCommand, Trajectory
 
@@ -121,8 +122,8 @@ def test_gains_and_feed_forward_arrive(standing, linked, a1, target):
 def test_damaged_commands_are_ignored(standing, linked, target):
     hold(linked, target, 0.1)
     link = linked._connection
-    link._message.record["motor_cmd"]["q"][:12] += 0.5
-    data = link._message.encoded()
+    link._record["motor_cmd"]["q"][:12] += 0.5
+    data = COMMAND.encoded(link._record)
     damaged = link._sample(data[:-1] + bytes([data[-1] ^ 1]))
     for _ in range(30):
         link._commands.send(damaged)

@@ -66,7 +66,7 @@ class MujocoPlatform(SimulatedPlatform):
         super().close()
         self._rollout.close()
 
-    def push(self, force_in_world: FloatArray) -> None:
+    def _push(self, force_in_world: FloatArray) -> None:
         """Apply a (3,) force [N] at the base's CoM from now on, in addition to the cable's."""
         self._data.xfrc_applied[self._simulated.base_body, :3] = self._errors.cable_in_world + force_in_world
 
@@ -80,7 +80,7 @@ class MujocoPlatform(SimulatedPlatform):
         if deepest < -_PRESSED:  # feet or footholds differ from the estimator's model
             data.qpos[2] -= deepest
             mujoco.mj_forward(model, data)
-        self.push(np.zeros(3))
+        self._push(np.zeros(3))
 
     def _turn_by(self, angle: float) -> None:
         data, turn = self._data, np.zeros(4)

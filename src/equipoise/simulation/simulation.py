@@ -159,5 +159,6 @@ def build(
     truth = simulated_truth(robot, simulated, stance.joint_position)
     data = mujoco.MjData(simulated.model)
     platform = MujocoPlatform(robot, simulated, stance, start, data=data)
+    push = platform._push  # pyright: ignore[reportPrivateUsage] - a calibration must not see it
     ground_truth, links = ground_truth_of(robot, simulated, data), link_truth(robot, simulated)
-    return Simulation(platform, truth, mujoco.__version__, errors, ground_truth, platform.push, links)
+    return Simulation(platform, truth, mujoco.__version__, errors, ground_truth, push, links)
