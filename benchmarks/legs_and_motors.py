@@ -108,8 +108,8 @@ def show_legs(rows: list[Row]) -> Iterator[str]:
     yield ""
     yield (
         "120 s (of an A1; scaled for other robots), with `motors` another 10 s with the legs in the air; a scale of 0.5 %. "
-        "`realistic` has no cable, leg mass errors of 10 % in common and 5 % each, CoM errors of 4 mm in common to a kind of "
-        "link and 2 mm each, lengths of thighs and calves 1.5 mm; `stress` all its effects. Thigh, calf: relative error of "
+        "`realistic` has no cable here, leg masses are off by 10 % in common and 5 % each, CoMs by 4 mm in common to a kind "
+        "of link and 2 mm each, lengths of thighs and calves 1.5 mm; `stress` all its effects. Thigh, calf: relative error of "
         "the first moment across the joint's axis, in brackets the model file's. Coverage: of the whole robot's ten "
         "parameters, and of all links. std/rms: mean standard deviation over the rms error, CoM and moments of inertia."
     )
@@ -173,8 +173,8 @@ def show_motors(rows: list[Row]) -> Iterator[str]:
     yield (
         "`--parameters motors`, errors of all joints. HyQ and B1 stand on three feet and swing each leg for a quarter of the "
         f"time. Stribeck: {STRIBECK:.0%} more friction at rest, which decays as exp(-(speed / 0.1 rad/s)^2); the estimator's "
-        "law differs. F_s: rms error of the values that are reported, and the share of runs that report any. `stress` has "
-        "load-dependent friction and backlash, which are not parameters of this fit."
+        "law differs. F_s: friction at rest, rms error of the values that are reported, and the runs that report any. "
+        "`stress` has load-dependent friction and backlash, which are not parameters of this fit."
     )
     yield ""
     head = ("swing", "robot", "runs", *(label for label, _ in QUANTITIES.values()), "coverage", "F_s [%]")

@@ -100,9 +100,10 @@ def show_walks(rows: list[Row]) -> Iterator[str]:
     yield ""
     yield (
         "A trot with varying speed, sidesteps and turns, or a crawl, one foot after the other. Targets of trots: CoM x, y, z "
-        "3, 3, 8 mm (`realistic`), 5, 5, 12 mm (`stress`), 2 mm in the plane in 60 s, coverage 90 %. PyBullet and DART lack "
-        "springs, backlash and soft feet. A crawl uses joint torques; height and inertia are not identified. *Silent*: runs "
-        f"with an error above {SILENT:g} standard deviations and no failed check."
+        "3, 3, 8 mm (`realistic`), 5, 5, 12 mm (`stress`), 2 mm in the plane in 60 s, coverage 90 %. DART, PyBullet and Drake "
+        "lack springs, backlash, rotor spin, soft and rolling feet; PyBullet and Drake also the cable, so their `stress` is "
+        "milder. A crawl uses joint torques; height and inertia are not identified. *Silent*: runs with an error above "
+        f"{SILENT:g} standard deviations and no failed check."
     )
     yield ""
     head = (

@@ -16,7 +16,7 @@ from functools import cache
 from rows import Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
 import numpy as np
 import payload_in_walks
-from simulated import FIRST_SEED, cases_of, robot_called, weighed
+from simulated import FIRST_SEED, SCALE_ERROR, cases_of, robot_called, weighed
 from tables import column, coverage, figures, markdown, rms
 
 from equipoise import (
@@ -214,8 +214,9 @@ PAGE = Page(
     f"""# Payload
 
 `make bench-payload`; `--sim-preset realistic`, seeds from {FIRST_SEED:,}, 1 kg on an A1 at 10 cm from the base's origin, in
-proportion on others. Root mean square errors, estimate minus truth. Coverage: share of 95 % intervals that contain the truth.
-Bold: target missed.""",
+proportion on others. One scale, with a constant error of {SCALE_ERROR:.1%} (standard deviation) and steps of 10 g, weighs a
+robot before and after. Root mean square errors, estimate minus truth. Coverage: share of 95 % intervals that contain the
+truth. Bold: target missed.""",
     (
         Table("pairs", pair, cases_of(PAIRS), show_pairs),
         Table("measurements", measurements, cases_of(MEASUREMENTS), show_measurements),

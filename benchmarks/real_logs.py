@@ -172,9 +172,9 @@ def show_walk(rows: list[Row]) -> Iterator[str]:
     yield (
         f"`{GO1}`: 25 s at 400 Hz, encoders, IMU, foot forces, no torques and no joint velocities. **The mass of this robot "
         "is not known**: the maker states 12 kg, and the commit that added the log names a recording of Cerberus 2.0 "
-        f"(`go1_trot`), whose robot carried additional sensors. So the log is estimated with {len(rows)} masses (± one "
-        "standard deviation). CoMs in the base frame, ± half of the 95 % interval; trunk: with everything fixed to it. Held "
-        "out: rms error at the CoM of steps predicted by an estimate without their walk, and with the model file's body."
+        f"(`go1_trot`), whose robot carried additional sensors. So the log is estimated with {len(rows)} assumptions of it "
+        "(± one standard deviation). CoMs in the base frame, ± half of the 95 % interval; trunk: with everything fixed to it. "
+        "Held out: rms error at the CoM of steps predicted by an estimate without their walk, and with the model file's body."
     )
     yield ""
     head = (

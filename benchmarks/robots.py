@@ -75,8 +75,8 @@ def show(rows: list[Row]) -> Iterator[str]:
             yield f"- `bayesian`, `{preset}`: {held}; a check fails in {alarms} of {len(of)} runs."
     yield from ("", "## Guard", "")
     yield (
-        "All runs in `realistic` are guarded. The end of this page lists runs that an alarm ends. *Lean*: largest angle from "
-        "upright; lift trials tip the robot."
+        "All runs in `realistic` are guarded. The end of this page lists the runs that ended with an error. *Lean*: largest "
+        "angle from upright; lift trials tip the robot."
     )
     yield ""
     yield from markdown(("method", "start", "runs without an alarm", "largest lean [deg]", "end"), _guard(rows))

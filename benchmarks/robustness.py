@@ -190,11 +190,13 @@ PAGE = Page(
     "robustness",
     f"""# Influence of single effects, and their detection
 
-`make bench-robustness`; seeds from {FIRST_SEED:,} on. The preset `realistic` with one additional effect, a payload drawn from
-the seed, a scale with an error of {SCALE_ERROR:.1%}, the Bayesian method for 120 s (A1 robot time). Sizes are of an A1. Errors
-are root mean square, of the whole robot. *Model file*: errors of the file, without the payload. **Bold**: worse than the
-file. *Coverage*: share of all 95 % intervals that contain the truth; all runs count. Runs with `vertical_pull` use `--cable
-heavy`. *Failed check*: number of runs with a failed check, and its names.""",
+`make bench-robustness`; seeds from {FIRST_SEED:,} on. The preset `realistic` with one additional effect, a payload drawn
+from the seed, a scale with an error of {SCALE_ERROR:.1%}, the Bayesian method for 120 s (A1 robot time). Sizes are of an A1;
+the [effects](../../docs/simulation-studies.md#simulated-effects) are described with their units. Errors are root mean
+square, of the whole robot. *Model file*: errors of the file, which lacks the payload. **Bold**: worse than the file in the
+same runs. *Coverage*: share of all 95 % intervals that contain the truth; all runs count. A seed draws the same payload and
+scale with every effect, so runs of different effects are not independent, although their intervals count them so. Runs with
+`vertical_pull` use `--cable heavy`. *Failed check*: number of runs with a failed check, and its names.""",
     (
         Table("effects", run, cases_of(COUNTS), show),
         Table("feet", run_on_feet, cases_of({(name,): FEET_SEEDS for name in FEET}), show_feet),

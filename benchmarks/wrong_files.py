@@ -304,7 +304,8 @@ PAGE = Page(
     "wrong_files",
     f"""# Wrong model files, and the diagnosis of a lean
 
-`make bench-wrong-files`; seeds from {FIRST_SEED:,}. Coverage: share of 95 % intervals that contain the truth.""",
+`make bench-wrong-files`; seeds from {FIRST_SEED:,}. Coverage: share of 95 % intervals that contain the truth.
+Bold: target missed.""",
     (
         Table(
             "files",
