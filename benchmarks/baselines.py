@@ -224,8 +224,8 @@ PAGE = Page(
     "baselines",
     f"""# Other methods on the same recordings
 
-`make bench-baselines`; seeds from {FIRST_SEED:,}, simulated robots except in the last table. Root mean square errors, estimate
-minus truth; "-": not estimated. The implementations are ours, and no method has seen a truth.""",
+`make bench-baselines`; seeds from {FIRST_SEED:,}, simulated robots unless a table says otherwise. Root mean square errors,
+estimate minus truth; "-": not estimated. The implementations are ours, and no method has seen a truth.""",
     (
         Table(
             "robots",

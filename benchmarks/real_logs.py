@@ -57,7 +57,7 @@ ELSEWHERE = (
     ("mrsp/serow, `evaluation/unit_tests/data/go2.csv`, Go2", "the file was not available"),
     (
         "iit-DLSLab/sim2real-robot-identification, Go2",
-        "its base is fixed to a stand, without an IMU; [motors](baselines.md) reads it",
+        "its base is fixed to a stand, without an IMU; `make bench-baselines` reads it if it is there",
     ),
     ("ouguangjun/legkilo-dataset, Go1", "stored outside its repository, not available"),
     ("UMich-CURLY/deep-contact-estimator, Mini Cheetah", "stored outside its repository, not available"),
