@@ -144,7 +144,7 @@ def _coverage_lines(rows: list[Row]) -> Iterable[list[Any]]:
 
 
 def _means(ratios: np.ndarray) -> str:
-    """Return the means of (n, 7) errors over their standard deviations, bold if a t-test tells them from zero."""
+    """Return the means of (n, 7) errors over their standard deviations, in bold if they differ from zero."""
     means = ratios.mean(axis=0)
     unlikely = ttest_1samp(ratios, 0.0).pvalue < UNLIKELY if len(ratios) > 1 else np.zeros(len(means), dtype=bool)
     cells = [f"**{mean:+.1f}**" if bold else f"{mean:+.1f}" for mean, bold in zip(means, unlikely, strict=True)]
@@ -158,9 +158,9 @@ PAGE = Page(
 `make bench-accuracy`; seeds from {FIRST_SEED:,} on, not used in development. Root mean square errors of the whole robot at
 the nominal stance, estimate minus truth. Payloads of 5 to 30 % of the base's mass are drawn from the seed. The mass is from
 a scale with an error of {SCALE_ERROR:.1%} unless stated; `bayesian` takes 120 s on an A1, more on larger robots. A seed
-draws the same share of payload and the same error of the scale for every robot. Lines with *no scale*, *no cable* (the
-estimate assumes that none hangs on the robot) and *narrow leg priors* (it assumes the file's legs, with link masses right
-within 3 %) are estimated from the recordings of `bayesian`; the other lines have runs of their own. *Model file*: errors of
+draws the same share of payload and the same error of the scale for every robot. Lines with *no scale*, *no cable*
+(estimated without a cable force) and *narrow leg priors* (the file's legs, with link masses right within 3 %) are estimated
+from the recordings of `bayesian`; the other lines have runs of their own. *Model file*: errors of
 the file, which lacks the payload. The moments of `paper` are compared with the whole robot's. A *target* is that of the line
 above it. Bold: target missed. With perfect sensors (`ideal`), all intervals should contain the truth, and no check should
 fail.""",
